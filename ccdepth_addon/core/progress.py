@@ -10,7 +10,7 @@ Progress = Callable[[float], None]
 
 
 def no_report(done: float) -> None:
-    """For callers that need not know."""
+    """Report nothing, for callers that need no progress."""
 
 
 def part_of(progress: Progress, begin: float, share: float) -> Progress:

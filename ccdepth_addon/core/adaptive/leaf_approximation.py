@@ -38,7 +38,7 @@ WAYS = [ALONG_U, ALONG_V]
 
 @dataclass(frozen=True)
 class LeafApproximation:
-    """How P leaves are drawn, and what that seems to miss: (P,) each.
+    """The triangles or polygons that P leaves are drawn as, and the distances these seem to miss: (P,) each.
 
     accepted: bool, whether that is within the limit. patterns and alternatives: int8, of quads the template
     (``templates``), of others which sides are split (0 where there are more than three) and ``AS_POLYGON``. folded:
@@ -67,7 +67,7 @@ class LeafApproximation:
         return LeafApproximation(accepted, patterns, alternatives, folded, thickness, along_u, along_v, ways)
 
     def at(self, chosen: IndexArray) -> LeafApproximation:
-        """Those of some leaves."""
+        """The approximation of some leaves, by index."""
         return LeafApproximation(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 

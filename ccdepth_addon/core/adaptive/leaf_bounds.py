@@ -114,7 +114,7 @@ def largest_around(tree: RectangleTree, leaves: IndexArray, values: FloatArray) 
 
 
 def with_rings(tree: RectangleTree, leaves: IndexArray, rings: int) -> IndexArray:
-    """Some leaves, and so many rings of leaves around them, in ascending order."""
+    """Leaves and a number of rings of leaves around them, in ascending order."""
     for _ in range(rings):
         if len(leaves):
             around = np.flatnonzero(_faces_around(tree, leaves).take(tree.base_faces) & (tree.first_child == NONE))

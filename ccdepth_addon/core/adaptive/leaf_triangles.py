@@ -39,7 +39,7 @@ class LeafTriangles:
 
     @staticmethod
     def of(plan: Plan, leaves: IndexArray, approximation: LeafApproximation) -> LeafTriangles:
-        """Of leaves (L,) as they are approximated."""
+        """The triangles of leaves (L,) with an approximation."""
         tree, sizes = plan.tree, plan.tree.slot_counts(leaves)
         is_quad = tree.is_quad(leaves)
         is_polygon = ~is_quad & ((sizes > 3) | (approximation.alternatives == AS_POLYGON))
@@ -88,7 +88,7 @@ class LeafTriangles:
         return found
 
     def joined(self, plan: Plan) -> Triangles:
-        """With vectors at the vertices, the mean normals there."""
+        """The same triangles with the mean normals as vectors at the vertices."""
         corners = self.corners(plan)
         nothing = np.zeros(len(corners), dtype=bool)
         return Triangles.joined(corners, self.vertices, *_neighbours(self.vertices, len(self.used)), nothing)

@@ -68,7 +68,7 @@ class Plan:
         self._progress(self.tree.leaf_count)
 
     def approximation(self, nodes: IndexArray) -> LeafApproximation:
-        """How nodes are drawn."""
+        """The approximation of nodes."""
         return LeafApproximation(**{name: column.values.take(nodes) for name, column in self._drawn.items()})
 
     def bounds(self, leaves: IndexArray) -> FloatArray:

@@ -110,17 +110,17 @@ class RectangleTree:
     vertex_edges = property(lambda self: self._vertex_edges.values)
 
     def add_column(self, default: np.generic) -> Column:
-        """(N,) of the default's dtype: it grows with the tree, and new nodes have the default."""
+        """A column of nodes (N,) with the default's dtype, that grows with the tree; new nodes have the default."""
         self._node_columns.append((Column(np.full(len(self.first_child), default)), default))
         return self._node_columns[-1][0]
 
     def add_vertex_column(self, default: np.generic) -> Column:
-        """The same for vertices, (V,)."""
+        """A column of vertices, (V,)."""
         self._vertex_columns.append((Column(np.full(len(self.vertex_edges), default)), default))
         return self._vertex_columns[-1][0]
 
     def leaves(self) -> IndexArray:
-        """In ascending order."""
+        """The leaves, in ascending order."""
         return np.flatnonzero(self.first_child == NONE)
 
     def face_levels(self) -> NDArray[np.int8]:
@@ -162,7 +162,7 @@ class RectangleTree:
         return self._surface_points(self._vertex_corners.values[vertices], self._vertex_parameters.values[vertices])
 
     def points_at(self, nodes: IndexArray, points: Sequence[Point]) -> Iterator[SurfacePoints]:
-        """For each point: (nodes,) its place on the surface, in each node's own face."""
+        """The place of each point on the surface, in each node's own face: (nodes,)."""
         corners, origins = self._frame_corners.values[nodes], self._frame_origins.values[nodes]
         along, across = self._frame_axes(nodes)
         without = np.flatnonzero(~self.is_quad(nodes))

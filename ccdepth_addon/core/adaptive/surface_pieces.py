@@ -67,7 +67,7 @@ class DrawnTiles:
     firsts: IndexArray
 
     def at(self, chosen: IndexArray) -> DrawnTiles:
-        """Some of them, by index."""
+        """Chosen tiles, by index."""
         return DrawnTiles(self.tiles.at(chosen), self.leaves[chosen], self.keys[chosen], self.firsts[chosen])
 
 
@@ -172,7 +172,7 @@ class TilesOverTriangles:
     shares: NDArray[np.int8]
 
     def at(self, chosen: IndexArray) -> TilesOverTriangles:
-        """Some of them, by index."""
+        """Chosen tiles, by index."""
         return TilesOverTriangles(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 

@@ -39,17 +39,17 @@ class Polygons:
     size: int
 
     def slots(self, tree: RectangleTree, leaves: IndexArray) -> list[IndexArray]:
-        """For each point: (P,) the slots of the corners."""
+        """The slots of the corners, for each point: (P,)."""
         first = tree.first_slots(leaves[self.leaves])
         return [first + place for place, _ in self.points]
 
     def vertices(self, tree: RectangleTree, leaves: IndexArray) -> Iterator[ShortIndexArray]:
-        """For each point: (P,)."""
+        """The vertices, for each point: (P,)."""
         for slots, (_, middle) in zip(self.slots(tree, leaves), self.points, strict=True):
             yield tree.midpoints[tree.slot_edges[slots]] if middle else tree.slot_vertices[slots]
 
     def sides(self, tree: RectangleTree, leaves: IndexArray) -> Iterator[ShortIndexArray | int]:
-        """For each point: (P,) the tree's edges from there to the next point, or NONE if these lie inside the leaf."""
+        """The tree's edges (P,), for each point: from there to the next point, or NONE if these lie inside the leaf."""
         slots = self.slots(tree, leaves)
         for number, (place, middle) in enumerate(self.points):
             following = (number + 1) % len(self.points)

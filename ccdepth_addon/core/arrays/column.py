@@ -27,7 +27,7 @@ class Column:
         self.extend(len(more), more)
 
     def extend(self, count: int, more: Any) -> None:
-        """Append so many entries: one value for all, or one for each."""
+        """Append a number of entries: one value for all, or one for each."""
         if self._count + count > len(self._room):
             room = max(self._count + count, int(SLACK * len(self._room)))
             grown = np.empty((room, *self._room.shape[1:]), self._room.dtype)

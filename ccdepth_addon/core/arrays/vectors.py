@@ -23,7 +23,7 @@ def selected_vectors(vectors: FloatArray, indices: IndexArray) -> FloatArray:
 
 
 def component_major(vectors: FloatArray) -> FloatArray:
-    """The same (…, P, 3), component-major."""
+    """Vectors (…, P, 3) in the component-major layout."""
     return np.ascontiguousarray(vectors.swapaxes(-1, -2)).swapaxes(-1, -2)
 
 

@@ -62,7 +62,7 @@ class PatchBounds:
     period: int = 1
 
     def at(self, levels: int) -> FloatArray:
-        """(P,) float64: the bound so many levels later."""
+        """(P,) float64: the bound a number of levels later."""
         beyond = max(levels - (len(self.factors) - 1), 0)
         rounds = -(-beyond // self.period)
         return self.value * (self.factors[levels - rounds * self.period] * self.rate**rounds)

@@ -54,11 +54,11 @@ class RegularPatches:
         return RegularPatches(level, bases, np.arange(len(bases)), nets)
 
     def of(self, wanted: BoolArray) -> RegularPatches:
-        """Those of some of the base faces: (B,) bool."""
+        """The patches of chosen base faces: (B,) bool."""
         return self.at(np.flatnonzero(wanted[self.bases]))
 
     def at(self, chosen: IndexArray) -> RegularPatches:
-        """Some of them, by index."""
+        """Chosen patches, by index."""
         if len(chosen) == len(self.bases):
             return self
         rough = None if self.rough is None else replace(self.rough, value=self.rough.value[chosen])
@@ -98,7 +98,7 @@ class ExtraordinaryPatches:
         return patch_stencils((len(self.nets) - 8) // 2)
 
     def at(self, chosen: IndexArray) -> ExtraordinaryPatches:
-        """Some of them, by index."""
+        """Chosen patches, by index."""
         return ExtraordinaryPatches(self.bases[chosen], self.nets.take(chosen, axis=1))
 
     def corners(self, vertices: Vertices) -> FloatArray:

@@ -228,7 +228,7 @@ class _Leaves:
         return self.refinement.mesh.face_sizes[: self.count]
 
     def keep(self, wanted: BoolArray) -> _Leaves:
-        """Some of them: (K,) bool."""
+        """The kept ones: (K,) bool."""
         return _Leaves(self.refinement.keep(wanted), self.is_turned[wanted], self.shown, self.axes)
 
     def refined(self) -> _Leaves:

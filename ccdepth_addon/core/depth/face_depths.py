@@ -83,7 +83,7 @@ def check_input(mesh: PolygonMesh, tolerance: float) -> None:
 
 
 def check_pose(mesh: PolygonMesh, tolerance: float) -> None:
-    """The same for a mesh that was accepted with other positions, which takes less time."""
+    """Check positions for a mesh that was accepted with others, in less time."""
     if not has_good_positions(mesh):
         validate(mesh)
     check_tolerance(tolerance, smallest_tolerance(mesh))

@@ -44,7 +44,7 @@ class UnmetCorners:
     gaps: FloatArray
 
     def margin(self, tolerance: float) -> float:
-        """How much of the tolerance to reserve for them."""
+        """The part of a tolerance to reserve for unmet corners."""
         if self.gaps[MOST_QUALITY] > MOST_CORNER_SHARE * tolerance:
             return CORNER_SHARE * tolerance
         return max(CORNER_SHARE * tolerance, float(self.gaps[MOST_QUALITY]))
@@ -55,7 +55,7 @@ class UnmetCorners:
 
 
 def unmet_corners(mesh: PolygonMesh) -> UnmetCorners:
-    """Those of a mesh whose sharpness is explicit. Semi-sharpness ends with the levels, and causes none."""
+    """Unmet corners of a mesh whose sharpness is explicit. Semi-sharpness ends with the levels, and causes none."""
     lone, dart = _lone_and_dart(mesh)
     corners = np.flatnonzero(lone | dart)
     gaps = np.zeros(MOST_QUALITY + 1)

@@ -68,12 +68,12 @@ class Regions:
         return len(self.moved)
 
     def at(self, chosen: IndexArray) -> Regions:
-        """Some of them."""
+        """Chosen regions, by index."""
         rest = {name: column.take(chosen, axis=-1) for name, column in vars(self).items() if name != "sides"}
         return Regions(sides=self.sides.at(chosen), **rest)
 
     def move(self, towards: FloatArray, moved: FloatArray) -> Regions:
-        """With the parts moved in these directions (2, n), so far (n,)."""
+        """The regions with their parts moved along directions (2, n) by distances (n,)."""
         steps = (towards[:, None] * self.axes).sum(axis=0) * moved
         outwards = np.maximum(-products(self.sides.inward, steps), 0.0)
         sides = SideViews(self.sides.inward, self.sides.offsets + outwards)
@@ -106,12 +106,12 @@ class Over:
     excess: FloatArray
 
     def at(self, chosen: IndexArray) -> Over:
-        """Some of them."""
+        """Chosen leaves, by index."""
         return Over(*(column.take(chosen, axis=-1) for column in vars(self).values()))
 
     @staticmethod
     def joined(parts: list[Over]) -> Over:
-        """All of them."""
+        """Leaves over several parts, one after the other."""
         return Over(*(np.concatenate([vars(part)[name] for part in parts], axis=-1) for name in vars(parts[0])))
 
 

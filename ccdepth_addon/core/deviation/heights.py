@@ -54,7 +54,7 @@ class SideViews:
         return SideViews(inward, -products(inward, corners))
 
     def at(self, chosen: IndexArray) -> SideViews:
-        """Some of them."""
+        """Chosen views, by index."""
         return SideViews(self.inward.take(chosen, axis=2), self.offsets.take(chosen, axis=1))
 
 
@@ -77,7 +77,7 @@ class Views:
     unevenness: FloatArray
 
     def at(self, chosen: IndexArray) -> Views:
-        """Some of them."""
+        """Chosen pairs, by index."""
         return Views(*(column.take(chosen, axis=-1) for column in vars(self).values()))
 
     def largest_heights(self, goals: FloatArray, margin: float) -> FloatArray:

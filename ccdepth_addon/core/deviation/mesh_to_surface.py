@@ -65,7 +65,7 @@ class Facets:
 
     @staticmethod
     def of(pieces: BezierPieces, chosen: IndexArray, tick: Callable[[], None] = lambda: None) -> Facets:
-        """Of the chosen pieces; tick: is called again and again, and may raise to stop."""
+        """The facets of chosen pieces. tick: is called again and again, and may raise to stop."""
         corners, off = np.empty((len(chosen), 4, 3)), np.empty(len(chosen))
         for block in chunks(len(chosen), AT_ONCE):
             coefficients = pieces.coefficients[chosen[block]]
@@ -80,7 +80,7 @@ class Facets:
         return Facets(chosen, corners, off)
 
     def at(self, chosen: IndexArray) -> Facets:
-        """Some of them."""
+        """Chosen facets, by index."""
         return Facets(*(column[chosen] for column in vars(self).values()))
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
@@ -103,7 +103,7 @@ class Leaves:
 
     @staticmethod
     def of(pieces: BezierPieces, tick: Callable[[], None]) -> Leaves:
-        """All leaves that there are now."""
+        """The leaves at present."""
         leaves = pieces.leaves()
         facets = Facets.of(pieces, leaves, tick)
         return Leaves(pieces, facets, BoxTree.around(pieces.low[leaves], pieces.high[leaves]), pieces.count)
@@ -140,16 +140,16 @@ class Parts:
 
     @staticmethod
     def unknown(corners: FloatArray, owners: IndexArray, bounds: FloatArray) -> Parts:
-        """Of which nothing is known but these bounds."""
+        """Parts of which only bounds are known."""
         return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp))
 
     def at(self, chosen: NDArray[Any]) -> Parts:
-        """Some of them."""
+        """Chosen parts, by index."""
         return Parts(*(column[chosen] for column in vars(self).values()))
 
     @staticmethod
     def joined(some: Parts, others: Parts) -> Parts:
-        """All of them."""
+        """Parts of both, one after the other."""
         return Parts(*(np.concatenate([column, vars(others)[name]]) for name, column in vars(some).items()))
 
     def quarters(self) -> Parts:

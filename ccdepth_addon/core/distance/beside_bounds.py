@@ -47,7 +47,7 @@ def _own_cosines(shell: Shell, seen: FramedPieces, ranges: FloatArray) -> FloatA
 
 @dataclass(frozen=True)
 class Beyond:
-    """What pieces do beyond a side. number: of the side; across: (P,), the triangle there. are_placed: (P,) bool,
+    """Places of pieces beyond a side. number: of the side; across: (P,), the triangle there. are_placed: (P,) bool,
     whether points beyond are over that triangle; heights: (R, P), of all points over its plane."""
 
     shell: Shell

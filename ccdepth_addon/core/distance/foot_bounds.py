@@ -135,7 +135,7 @@ class Turns:
         return (self.uu < 1 - ROUNDING) & (self.vv < 1 - ROUNDING) & (self._determinant > ROUNDING)
 
     def transposed(self) -> Turns:
-        """With the two mixed ones exchanged."""
+        """The turns with the two mixed ones exchanged."""
         return Turns(self.uu, self.vu, self.uv, self.vv)
 
     def solve(self, first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:

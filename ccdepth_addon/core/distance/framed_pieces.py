@@ -90,7 +90,7 @@ class FramedPieces:
         return FramedPieces(own, turns, corners, vectors, sides, points, radii, (rows, is_on), sizes, heights)
 
     def at(self, chosen: IndexArray) -> FramedPieces:
-        """Some of them, by index."""
+        """Chosen pieces, by index."""
         rows, is_on = self.on_vectors
         corners, vectors, sides, points = (
             selected_vectors(each, chosen) for each in (self.corners, self.vectors, self.sides, self.points)
@@ -169,7 +169,7 @@ class Side:
         return found
 
     def at(self, chosen: IndexArray) -> Side:
-        """For some pieces, by index."""
+        """The side as chosen pieces see it, by index."""
         first, second = (Wall(each.inwards[chosen], each.lengths[chosen], each.margins[chosen]) for each in self.walls)
         heights, are_inside = self.heights, self.are_inside
         return Side(

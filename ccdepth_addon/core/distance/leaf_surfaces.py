@@ -48,12 +48,12 @@ class Tiles:
     are_bicubic: bool = True
 
     def at(self, chosen: IndexArray) -> Tiles:
-        """Some of them, by index."""
+        """Chosen tiles, by index."""
         return Tiles(self.squares.at(chosen), selected_vectors(self.points, chosen), self.are_bicubic)
 
 
 def joined_tiles(tiles: list[Tiles], are_bicubic: bool = True) -> Tiles:
-    """All tiles with as many points each in one."""
+    """Tiles with equal numbers of points, joined."""
     nothing = Tiles(Squares.whole(0), np.zeros((len(tiles[0].points) if tiles else 16, 0, 3)))
     squares = reduce(Squares.and_then, (each.squares for each in tiles), nothing.squares)
     points = joined_vectors([nothing.points, *(each.points for each in tiles)])
@@ -61,7 +61,7 @@ def joined_tiles(tiles: list[Tiles], are_bicubic: bool = True) -> Tiles:
 
 
 def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
-    """All tiles of a refinement's quads, the bases of the squares by their index. levels: how many there are around
+    """Tiles of a refinement's quads, the bases of the squares by their index. levels: how many there are around
     extraordinary vertices, and of refinement, at most."""
     squares = Squares.whole(len(refinement.bases))
     last_level = min(levels, MOST_REFINED_LEVELS)

@@ -35,19 +35,19 @@ class Pieces:
     flats: FloatArray
 
     def at(self, chosen: IndexArray) -> Pieces:
-        """Some of them."""
+        """Chosen pieces, by index."""
         hulls, flats = (selected_vectors(each, chosen) for each in (self.hulls, self.flats))
         return Pieces(self.triangles[chosen], hulls, flats)
 
     @staticmethod
     def joined(pieces: Sequence[Pieces]) -> Pieces:
-        """Those of one form, one after the other."""
+        """Pieces of one form, one after the other."""
         hulls, flats = (joined_vectors([getattr(each, name) for each in pieces]) for name in ("hulls", "flats"))
         return Pieces(np.concatenate([each.triangles for each in pieces]), hulls, flats)
 
     def divided(self, parts: Sequence[FloatArray]) -> Pieces:
-        """All first parts, then all second ones and so on. parts: (R, R) each, from a piece's coefficients to those of
-        a part of it."""
+        """Parts of pieces: all first ones, then all second ones and so on. parts: (R, R) each, from a piece's
+        coefficients to those of a part of it."""
         return Pieces.joined(
             [
                 Pieces(self.triangles, *(transformed_nets(rows, each) for each in (self.hulls, self.flats)))

@@ -29,8 +29,8 @@ LAST_FROM = 1
 
 @dataclass(frozen=True)
 class Form:
-    """What kind of hull pieces have. values: which of its points are points of the surface. quarters: four (R, R), from
-    the coefficients of a piece to those of its quarters; none where it can't be divided."""
+    """The kind of hull that pieces have. values: which of its points are points of the surface. quarters: four (R, R),
+    from the coefficients of a piece to those of its quarters; none where it can't be divided."""
 
     values: IndexArray
     quarters: tuple[FloatArray, ...]

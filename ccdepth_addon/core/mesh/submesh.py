@@ -56,7 +56,7 @@ def faces_alone(mesh: PolygonMesh, faces: IndexArray) -> PolygonMesh:
 
 
 def joined_meshes(meshes: Sequence[PolygonMesh], counts: Sequence[int]) -> PolygonMesh:
-    """Several meshes beside each other as one. counts: of so many first faces each; these are the first of all, mesh by
+    """Several meshes beside each other as one. counts: how many first faces of each are the first of all, mesh by
     mesh, and then come the others."""
     vertices = np.cumsum([0, *(mesh.vertex_count for mesh in meshes)])
     edges = np.cumsum([0, *(mesh.edge_count for mesh in meshes)])

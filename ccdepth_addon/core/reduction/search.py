@@ -51,8 +51,8 @@ class TriangleMesh:
 
 @dataclass(frozen=True)
 class Attempt:
-    """How to reduce the current mesh next. triangles: how many to leave. is_fixed: (V,) bool, vertices that must stay
-    where they are, with all edges between them."""
+    """The next reduction of the current mesh. triangles: the number to leave. is_fixed: (V,) bool, vertices that must
+    stay where they are, with all edges between them."""
 
     triangles: int
     is_fixed: BoolArray
@@ -102,7 +102,7 @@ class Reduction:
         return self._around(triangles, bad, mesh, progress)
 
     def attempt(self) -> Attempt | None:
-        """What to try next; None when too little is left to gain."""
+        """The next attempt; None when too little is left to gain."""
         can_go = ~self._is_fixed[self.current.corners].any(axis=1)
         count = len(self.current.corners)
         fewer = int(self._share * np.count_nonzero(can_go))

@@ -62,14 +62,14 @@ class Refinement:
         return self.keep(wanted[self.bases])
 
     def refined(self) -> Refinement:
-        """Their children at the next level; a face's children are in the order of its corners."""
+        """The children of the descendants at the next level; a face's children are in the order of its corners."""
         if not len(self.bases):
             return self
         bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
         return Refinement(subdivide(self.mesh).mesh, bases, self._known_limits() if self.are_quads else None)
 
     def numbered(self) -> Refinement:
-        """The same, each descendant its own base."""
+        """The refinement with each descendant as its own base."""
         same = Refinement(self.mesh, np.arange(len(self.bases)), self.origins)
         return same._with_limits(self._known_limits(), slice(None))
 

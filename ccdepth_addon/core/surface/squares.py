@@ -48,12 +48,12 @@ class Squares:
 
     @staticmethod
     def whole(count: int) -> Squares:
-        """All of each quad."""
+        """The whole squares of quads."""
         axes = np.broadcast_to(np.eye(2), (count, 2, 2))
         return Squares(np.arange(count), np.zeros((count, 2)), axes)
 
     def at(self, chosen: IndexArray) -> Squares:
-        """Some of them, by index."""
+        """Chosen squares, by index."""
         return Squares(self.bases[chosen], self.origins[chosen], self.axes[chosen])
 
     def children(self) -> Squares:

@@ -24,7 +24,7 @@ class SurfacePoints:
     parameters: FloatArray
 
     def at(self, chosen: IndexArray | slice) -> SurfacePoints:
-        """Some of them, by index."""
+        """Chosen points, by index."""
         return SurfacePoints(self.corners[chosen], self.parameters[chosen])
 
 
