@@ -183,6 +183,19 @@ def test_faces_that_modifiers_make_go_back_to_the_mesh() -> None:
     assert np.all(values > 2.0)
 
 
+def test_the_worst_face_is_one_of_the_mesh_where_modifiers_repeat_it() -> None:
+    """The last copy is four times as large as the cube, and where it is farthest off is a face that was made."""
+    holder = scene.add_object(meshes.cube(), "Repeated")
+    larger = scene.add_object(meshes.cube(), "Larger")
+    larger.location.x, larger.scale = 5.0, (2.0, 2.0, 2.0)
+    array = holder.modifiers.new("Array", "ARRAY")
+    array.count, array.use_relative_offset, array.use_object_offset, array.offset_object = 3, False, True, larger
+    scene.add_subdivision(holder, 1)
+    holder.modifiers["Subdivision"].use_limit_surface = True
+    addon.measure(holder, **ROUGHLY)
+    assert 0 <= holder.data.ccdepth.measurement.worst_face < len(holder.data.polygons)
+
+
 def test_faces_of_the_limit_surface_count_where_the_object_shows_nothing_of_them() -> None:
     """On its own mesh each face has the farther of both ways. What the viewport shows counts, not what is rendered."""
     holder = scene.add_object(meshes.grid(3, 1), "Masked")
