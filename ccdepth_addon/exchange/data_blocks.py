@@ -34,18 +34,6 @@ def own_copy(data: Data) -> Data:
     return copy if copy.override_library is None else copy.make_local(clear_liboverride=True)
 
 
-def copy_without_keys(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
-    """A copy of a mesh, which may be an evaluated one, without its shape keys.
-
-    The keys of an evaluated mesh are copied with it, but the copy does not refer to them: they would stay in the file,
-    and refer to a mesh that is freed with the next evaluation. Reading them then crashes Blender.
-    """
-    before = {keys.session_uid for keys in bpy.data.shape_keys}
-    copy = own_copy(mesh)
-    bpy.data.batch_remove([keys for keys in bpy.data.shape_keys if keys.session_uid not in before])
-    return copy
-
-
 def remove_shape_keys(holder: bpy.types.Object) -> None:
     """Remove the shape keys from the object's mesh, and their data-block from the file.
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core import FloatArray, PolygonMesh, crease_to_sharpness
 from .blender_arrays import TYPES, read_built_in, read_values
-from .data_blocks import convert_attribute, copy_without_keys
+from .data_blocks import convert_attribute, own_copy
 from .modifiers import SurfaceRule
 from .result_attributes import ATTRIBUTES
 
@@ -97,7 +97,7 @@ def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
         return None
     if (attribute.data_type, attribute.domain) == ("FLOAT", CREASE_DOMAINS[name]):
         return read_values(attribute.data, "value", np.float32)
-    copy = copy_without_keys(mesh)
+    copy = own_copy(mesh)
     holder = bpy.data.objects.new(copy.name, copy)
     try:
         convert_attribute(holder, name, mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")

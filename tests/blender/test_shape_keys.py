@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tests import meshes, uniform
-from tests.blender import addon, scene
+from tests.blender import addon, scene, snapshot
 from tests.blender.full_mesh import LEVEL, ROUNDING, Comparison, compare, everything, weights_of
 from tests.blender.subdividing import refused, subdivide
 
@@ -261,3 +261,13 @@ def test_runs_that_fail_half_way_leave_no_keys(
     refused(holder, match="not enough memory")
     assert [mesh.name for mesh in bpy.data.meshes] == [holder.data.name]
     check_keys(tmp_path, [holder.data.name])
+
+
+def test_keys_of_copies_that_creases_are_converted_on_are_removed() -> None:
+    """Creases of whole numbers are read from a copy of the mesh, with which Blender copies the keys."""
+    holder = with_keys(scene.add_object(meshes.cube()))
+    holder.data.attributes.new("crease_edge", "INT", "EDGE").data[0].value = 1
+    addon.select(holder)
+    with snapshot.unchanged(snapshot.is_ours):
+        addon.compute(holder, use_modifiers=True)
+    assert len(bpy.data.shape_keys) == 1
