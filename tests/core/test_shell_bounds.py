@@ -156,7 +156,7 @@ def test_all_of_a_quad_is_looked_at_however_it_is_divided(monkeypatch: pytest.Mo
     leaves = Leaves.of(Refinement.start(mesh, np.arange(count)), np.arange(count) % 2 == 1, Vertices.LIMIT, 100.0)
     generator, areas = np.random.default_rng(5), np.zeros(count)
 
-    def some(shell: Shell, pieces: Pieces, off_beyond: None, *, are_last: bool) -> FloatArray:
+    def some(shell: Shell, pieces: Pieces, off_beyond: None) -> FloatArray:
         is_open = generator.random(len(pieces.triangles)) < 0.25
         form = SQUARE_FORM if len(pieces.flats) == 16 else TRIANGLE_FORM
         first, *others = pieces.flats[form.values]

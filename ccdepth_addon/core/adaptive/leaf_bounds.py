@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bounds of the distance between leaves, as they are drawn, and the surface.
 
-Where a bicubic leaf is within the limit at equal parameters, that is its bound. The others have one along the surface,
-by places in a shell (docs/distance.md, Shells), where it does not count where parameters lie. Where there is no such
-bound for a leaf that is not bicubic, it is compared at equal parameters after all.
+Where a bicubic leaf is within the limit at equal parameters, that is its bound; if it is not, that of feet on the
+surface (``template_feet``). The others have one along the surface, by places in a shell (docs/distance.md, Shells),
+where it does not count where parameters lie. Where there is no such bound for a leaf that is not bicubic, it is
+compared at equal parameters after all.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from itertools import groupby
 import numpy as np
 
 from ..arrays.chunks import chunks, index_chunks
-from ..arrays.ranges import any_of_ranges
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..distance.leaf_surfaces import Tiles, joined_tiles, tiles_of
@@ -26,7 +26,7 @@ from ..surface.squares import Squares
 from .leaf_approximation import AS_POLYGON, LeafApproximation
 from .leaf_triangles import LeafTriangles
 from .plan import Plan
-from .rectangle_tree import NONE, RectangleTree
+from .rings import largest_around, with_rings
 from .surface_pieces import (
     ALL,
     SOME,
@@ -39,6 +39,7 @@ from .surface_pieces import (
     pieces_over,
     quarter_keys,
 )
+from .template_feet import bounds_by_feet
 from .template_rows import bounds_at_equal
 from .templates import template_numbers
 
@@ -79,6 +80,12 @@ def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
     stale = leaves[plan.is_stale.values[leaves]]
     plan.is_stale.values[stale] = False
     wanted = stale[plan.at_equal.values[stale] > limit]
+    had_feet = plan.by_feet.values[wanted] <= limit
+    plan.by_feet.values[wanted] = bounds_by_feet(plan, wanted)
+    has_feet = plan.by_feet.values[wanted] <= limit
+    # What is beside them has been bounded as beside feet.
+    plan.is_stale.values[with_rings(plan.tree, wanted[had_feet & ~has_feet], 1)] = True
+    wanted = wanted[~has_feet]
     plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
     failed = wanted[plan.along_surface.values[wanted] > limit]
     others = failed[~_are_bicubic(plan, failed)]
@@ -98,39 +105,6 @@ def bounds_both_ways(plan: Plan, leaves: IndexArray) -> FloatArray:
     found = plan.bounds(leaves)
     around = largest_around(plan.tree, leaves, found)
     return np.where(plan.at_equal.values[leaves] <= plan.request.limit, found, around)
-
-
-def largest_around(tree: RectangleTree, leaves: IndexArray, values: FloatArray) -> FloatArray:
-    """(n,): of some leaves the largest of the values (n,), not negative, of those of them that share a vertex."""
-    slots, counts = tree.slots(leaves), tree.slot_counts(leaves)
-    # Sides that are whole have no middle: what is written there is not read.
-    vertices = np.concatenate([tree.slot_vertices[slots], tree.midpoints[tree.slot_edges[slots]]])
-    at_vertices = np.zeros(len(tree.vertex_edges) + 1)
-    np.maximum.at(at_vertices, vertices, np.tile(np.repeat(values, counts), 2))
-    at_vertices[NONE] = 0.0
-    starts = np.cumsum(counts) - counts
-    found: FloatArray = np.maximum(*(np.maximum.reduceat(at_vertices[each], starts) for each in np.split(vertices, 2)))
-    return found
-
-
-def with_rings(tree: RectangleTree, leaves: IndexArray, rings: int) -> IndexArray:
-    """Leaves and a number of rings of leaves around them, in ascending order."""
-    for _ in range(rings):
-        if len(leaves):
-            around = np.flatnonzero(_faces_around(tree, leaves).take(tree.base_faces) & (tree.first_child == NONE))
-            leaves = around[tree.share_a_vertex(around, leaves)]
-    return leaves
-
-
-def _faces_around(tree: RectangleTree, nodes: IndexArray) -> BoolArray:
-    """(faces of the control mesh,) those that share a vertex with a face of the nodes. All nodes that share a vertex
-    with them lie on these."""
-    mesh = tree.mesh
-    marked = np.zeros(mesh.face_count, dtype=bool)
-    marked[tree.base_faces[nodes]] = True
-    at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
-    at_vertices[mesh.corner_vertices[marked.take(mesh.corner_faces)]] = True
-    return any_of_ranges(at_vertices.take(mesh.corner_vertices), mesh.face_sizes)
 
 
 def _are_bicubic(plan: Plan, leaves: IndexArray) -> BoolArray:
@@ -172,7 +146,7 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
     is_whole = np.zeros(len(drawn.used), dtype=bool)
     is_whole[drawn.vertices[np.isin(leaves, near, assume_unique=True)[drawn.leaves]]] = True
     joined = drawn.joined(plan)
-    bounded = plan.at_equal.values[leaves][drawn.leaves]
+    bounded = np.minimum(plan.at_equal.values[leaves], plan.by_feet.values[leaves])[drawn.leaves]
     beyond = np.where(joined.is_closed, np.inf, bounded[np.where(joined.is_closed, 0, joined.across)])
     shell = Shell.of(joined, is_whole, limit)
     firsts, ends = (drawn.firsts[np.searchsorted(leaves, wanted) + end] for end in (0, 1))

@@ -46,15 +46,17 @@ class NodeSurfaces:
     def __init__(self, tree: RectangleTree) -> None:
         self._tree = tree
         self._patches, self._blocks, self._places = (tree.add_column(np.int32(NONE)) for _ in range(3))
-        # Of each patch the node that is all of it, and its coefficients: (4, 4, 3), u first.
+        # Of each patch the node that is all of it; its coefficients, (4, 4, 3), u first; and whether the surface is
+        # smooth at all of its corners.
         self._roots = Column(np.zeros(0, dtype=np.intp))
         self._coefficients = Column(np.zeros((0, 48)))
+        self._are_inside = Column(np.zeros(0, dtype=bool))
         self._refined: list[_Block] = []
         mesh = tree.mesh
-        kinds = classify_patches(mesh).kinds
-        regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), kinds != PatchKind.REGULAR
+        patches = classify_patches(mesh)
+        regular, rest = np.flatnonzero(patches.kinds == PatchKind.REGULAR), patches.kinds != PatchKind.REGULAR
         for faces in index_chunks(regular, FACES_AT_ONCE):
-            self._put_patches(faces, regular_nets(mesh, faces))
+            self._put_patches(faces, regular_nets(mesh, faces), patches.inside[faces])
         for some in (rest & (mesh.face_sizes == 4), rest & (mesh.face_sizes != 4)):
             for faces in index_chunks(np.flatnonzero(some), FACES_AT_ONCE):
                 self._put_block(faces, Refinement.start(mesh, faces))
@@ -62,6 +64,13 @@ class NodeSurfaces:
     def are_bicubic(self, nodes: IndexArray) -> BoolArray:
         """(nodes,) bool."""
         found: BoolArray = self._patches.values[nodes] != NONE
+        return found
+
+    def are_smooth(self, quads: IndexArray) -> BoolArray:
+        """(n,): which quads are parts of bicubic patches at all corners of which the surface is smooth and regular."""
+        patches = self._patches.values[quads]
+        found = patches != NONE
+        found[found] = self._are_inside.values[patches[found]]
         return found
 
     def follow(self, nodes: IndexArray, way: int) -> None:
@@ -73,9 +82,10 @@ class NodeSurfaces:
         for wanted, block in self._wanted(nodes):
             refinement = block.refinement.keep(wanted).refined().numbered()
             children, mesh = self._tree.children(block.nodes[wanted]), refinement.mesh
-            kinds = classify_patches(mesh).kinds[: len(children)]
-            regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), kinds != PatchKind.REGULAR
-            self._put_patches(children[regular], regular_nets(mesh, regular))
+            patches = classify_patches(mesh)
+            is_regular = patches.kinds[: len(children)] == PatchKind.REGULAR
+            regular, rest = np.flatnonzero(is_regular), ~is_regular
+            self._put_patches(children[regular], regular_nets(mesh, regular), patches.inside[regular])
             if np.any(rest):
                 self._put_block(children[rest], refinement.keep(rest).numbered())
 
@@ -129,10 +139,11 @@ class NodeSurfaces:
             wanted[places[numbers == number]] = True
             yield wanted, block
 
-    def _put_patches(self, nodes: IndexArray, nets: FloatArray) -> None:
-        """Keep the patches that nodes are, by nets (4, 4, P, 3)."""
+    def _put_patches(self, nodes: IndexArray, nets: FloatArray, are_inside: BoolArray) -> None:
+        """Keep the patches that nodes are, by nets (4, 4, P, 3). are_inside: (P,), whether smooth at all corners."""
         self._patches.values[nodes] = len(self._roots.values) + np.arange(len(nodes))
         self._roots.append(nodes)
+        self._are_inside.append(are_inside)
         self._coefficients.append(np.moveaxis(patch_coefficients(nets), 2, 0).reshape(-1, 48))
 
     def _put_block(self, nodes: IndexArray, refinement: Refinement) -> None:

@@ -44,7 +44,7 @@ class TooManyFacesError(ValueError):
 
 class Plan:
     """tree; surfaces; positions of its vertices. Of each node, by columns: how it is drawn if it is a leaf, its split
-    sides then, and the bounds that ``leaf_bounds`` finds: at equal parameters, and along the surface."""
+    sides then, and the bounds that ``leaf_bounds`` finds: at equal parameters, by feet, and along the surface."""
 
     def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> None:
         """progress: is told the number of leaves so far, and may raise to stop."""
@@ -56,7 +56,7 @@ class Plan:
         nothing = LeafApproximation.none(1)
         self._drawn = {field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)}
         self._split_sides = self.tree.add_column(np.int32(NONE))
-        self.at_equal, self.along_surface = (self.tree.add_column(np.float64(np.inf)) for _ in range(2))
+        self.at_equal, self.by_feet, self.along_surface = (self.tree.add_column(np.float64(np.inf)) for _ in range(3))
         # Leaves whose bound may have changed with those around.
         self.is_stale = self.tree.add_column(np.bool_(False))
         self._changed = list[IndexArray]()
@@ -73,7 +73,8 @@ class Plan:
 
     def bounds(self, leaves: IndexArray) -> FloatArray:
         """(n,): how far the triangles of leaves are from the surface at most; infinite where that is not proved."""
-        found: FloatArray = np.minimum(self.at_equal.values[leaves], self.along_surface.values[leaves])
+        columns = self.at_equal, self.by_feet, self.along_surface
+        found: FloatArray = np.minimum.reduce([column.values[leaves] for column in columns])
         return found
 
     def approximate(self, leaves: IndexArray) -> IndexArray:
@@ -89,7 +90,8 @@ class Plan:
                     column.values[own] = getattr(found, name)
                 self.report()
         self._split_sides.values[leaves] = self._patterns(leaves)
-        self.at_equal.values[leaves] = self.along_surface.values[leaves] = np.inf
+        for column in (self.at_equal, self.by_feet, self.along_surface):
+            column.values[leaves] = np.inf
         self._changed.append(leaves)
         return leaves[~self._drawn["accepted"].values[leaves]]
 

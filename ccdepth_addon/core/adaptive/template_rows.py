@@ -11,6 +11,7 @@ weight is off by the rounding of one division. docs/adaptive.md (Rounding) has w
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
 
@@ -30,17 +31,31 @@ MOST_OVER = 1.2
 BICUBIC_POINTS = bicubic_basis(QUAD_POINTS)
 
 
+# From S - T over parts of the triangles of some quads (n,), as Bernstein coefficients (R, n, 3), to upper bounds (n,).
+Measure = Callable[[FloatArray, IndexArray], FloatArray]
+
+
 def bounds_at_equal(coefficients: FloatArray, numbers: IndexArray, limit: float) -> FloatArray:
     """(P,): upper bounds of ‖S - T‖ for bicubic quads with coefficients (16, P, 3) and the templates of these numbers
     (P,), as tight as it takes to compare them with the limit."""
+
+    def longest(off: FloatArray, _: IndexArray) -> FloatArray:
+        found: FloatArray = lengths(off).max(axis=0)
+        return found
+
+    return bounds_over_parts(coefficients, numbers, limit, longest)
+
+
+def bounds_over_parts(coefficients: FloatArray, numbers: IndexArray, limit: float, measure: Measure) -> FloatArray:
+    """(P,): upper bounds of S - T by a measure, for quads as in ``bounds_at_equal``."""
     found = np.empty(len(numbers))
     for pattern, alternative, own in template_groups(numbers):
         number, nets = 16 * alternative + pattern, selected_vectors(coefficients, own)
-        bounds = lengths(transformed_nets(_off_template(number), nets)).max(axis=0)
+        bounds = measure(transformed_nets(_off_template(number), nets), own)
         doubtful = np.flatnonzero((bounds > limit) & (bounds <= MOST_OVER * limit))
         if len(doubtful):
             fine = transformed_nets(_off_template(number, fine=True), selected_vectors(nets, doubtful))
-            bounds[doubtful] = lengths(fine).max(axis=0)
+            bounds[doubtful] = measure(fine, own[doubtful])
         found[own] = bounds
     return found
 

@@ -98,14 +98,12 @@ def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> F
     and bounds are those of both."""
     frame = Frame.of(nets)
     errors, tilts = frame.errors(vertices), frame.tilts
-    a, b = frame.turns.transposed().solve(*frame.dual_lengths)
-    uu, vv, uv = frame.largest[:, 0] + tilts[0] * frame.largest[:, 1] + tilts[1] * frame.largest[:, 2]
     found = (
         _along(frame, vertices, is_turned) + tilts[0] * errors[1] + tilts[1] * errors[2],
-        frame.fourth[0] / 36 if vertices is Vertices.CONTROL else np.zeros_like(a),
+        frame.fourth[0] / 36 if vertices is Vertices.CONTROL else np.zeros_like(errors[0]),
         errors[0] + frame.lengths[0] * errors[1] + frame.lengths[1] * errors[2],
-        uu * a * a + 2 * uv * a * b + vv * b * b,
-        np.maximum(a, b),
+        frame.curvature,
+        np.maximum(*frame.speeds),
         tilts[0] * frame.dual_lengths[0] + tilts[1] * frame.dual_lengths[1],
     )
     second, fourth, reach, curvature, speed, tilt = (
@@ -202,6 +200,19 @@ class Frame:
     def dual_lengths(self) -> tuple[FloatArray, FloatArray]:
         """|x| and |y|, (P,) each."""
         return np.sqrt(_dot(self.axes[1], self.axes[1])), np.sqrt(_dot(self.axes[2], self.axes[2]))
+
+    @property
+    def speeds(self) -> tuple[FloatArray, FloatArray]:
+        """a and b, (P,) each: the most that u and v change along a way of length 1."""
+        return self.turns.transposed().solve(*self.dual_lengths)
+
+    @property
+    def curvature(self) -> FloatArray:
+        """κ, (P,): at least the principal curvatures."""
+        a, b = self.speeds
+        uu, vv, uv = self.largest[:, 0] + self.tilts[0] * self.largest[:, 1] + self.tilts[1] * self.largest[:, 2]
+        found: FloatArray = uu * a * a + 2 * uv * a * b + vv * b * b
+        return found
 
     def errors(self, vertices: Vertices) -> FloatArray:
         """(3, P): |e| ≤ this times h², at every level, of each component."""

@@ -15,16 +15,12 @@ from .piece_hulls import Pieces, off_at_equal
 from .shell_bounds import shell_bounds
 from .shells import Shell
 
-# How often pieces are halved both ways before what they are of is given up. A curve on which places are not proved
-# meets twice as many pieces each time: what meets more than this many times as many, from the second time on, is no
-# curve.
-SPLITS, MOST_GROWTH, GROWN_AT = 5, 3, 2
+# How often pieces are halved both ways before what they are of is given up. Where places are proved but for single
+# points no more pieces are open each time, from this division on: what has more of them is given up as well.
+SPLITS, SETTLED_AT = 5, 2
 
 # The same at equal parameters.
 SPLITS_AT_EQUAL = 2
-
-# From this division on all places around triangles are looked for.
-LAST_FROM = 1
 
 
 @dataclass(frozen=True)
@@ -60,15 +56,15 @@ def include_pieces(
         bases, pieces = bases[left], pieces.at(left)
         if not len(left):
             return
-        bounds = shell_bounds(shell, pieces, off_beyond, are_last=not form.quarters or split >= LAST_FROM)
+        bounds = shell_bounds(shell, pieces, off_beyond)
         is_open = bounds > limit
         np.maximum.at(found, bases[~is_open], bounds[~is_open])
         if split == SPLITS or not form.quarters:
             found[bases[is_open]] = np.inf
             return
         counts = np.bincount(bases[is_open], minlength=len(found))
-        if split >= GROWN_AT:
-            found[counts > MOST_GROWTH * before] = np.inf
+        if split >= SETTLED_AT:
+            found[counts > before] = np.inf
         before = counts
         is_open &= np.isfinite(found[bases])
         bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)

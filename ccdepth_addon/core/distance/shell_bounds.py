@@ -21,15 +21,12 @@ from .side_bounds import raised_at_sides
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-def shell_bounds(
-    shell: Shell, pieces: Pieces, off_beyond: FloatArray | None = None, *, are_last: bool = True
-) -> FloatArray:
+def shell_bounds(shell: Shell, pieces: Pieces, off_beyond: FloatArray | None = None) -> FloatArray:
     """(P,): at least how far all points of each piece are from the points of the triangles at their places, and those
     of its curves over closed sides from points of these sides; infinite where no place within the shell is proved.
 
     off_beyond: (M, 3), how far the surface is at most from what is drawn beyond sides where it is compared at equal
     parameters, infinite at other sides; ways to what is compared there count as well (docs/distance.md, Lemma 10).
-    are_last: whether pieces can't be divided, and it pays to look for all places around their triangles.
     """
     own = pieces.triangles
     seen = FramedPieces.of(shell, pieces)
@@ -45,7 +42,7 @@ def shell_bounds(
         some = pieces.at(rest)
         bounds[rest] = np.minimum.reduce([bounds_near_corner(shell, some, corner) for corner in range(3)])
         rest = rest[np.isinf(bounds[rest])]
-    if are_last and len(rest):
+    if len(rest):
         bounds[rest] = bounds_around(shell, pieces.at(rest))
     bounds = np.where(shell.ranges[own] > 0, bounds, np.inf)
     bounds = raised_at_sides(shell, pieces, bounds, off_beyond)

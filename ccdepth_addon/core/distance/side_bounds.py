@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds of the curves of pieces over closed sides, and beside what is compared at equal parameters.
+"""Bounds of the curves of pieces over closed sides, and beside what is compared at equal parameters or by feet.
 
 docs/distance.md, Closed sides and Lemma 10.
 """

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bounds of leaves by feet: of the triangles of a bicubic leaf, as they are, from points of the surface nearby.
+
+The surface has to be smooth and regular in the leaf and in all that touch it, which may be of other sizes.
+docs/distance.md, Leaves of several sizes; letters are those used there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays.chunks import FEW_AT_ONCE, index_chunks
+from ..arrays.matrix_products import matrix_product
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import lengths
+from ..distance.foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, foot_distances
+from ..surface.bicubic import NET_TO_BERNSTEIN
+from .plan import Plan
+from .rings import largest_around, with_rings
+from .template_rows import bounds_over_parts
+from .templates import template_numbers
+
+BERNSTEIN_TO_NET = np.linalg.inv(NET_TO_BERNSTEIN)
+
+# Leaves that are smaller than this part of their coordinates have no feet: coordinates are off by 2⁻⁴⁸ of themselves at
+# most, and second differences of larger leaves by less than the part ROUNDING of these.
+LEAST_SIZE = 2.0**-13
+
+
+def bounds_by_feet(plan: Plan, leaves: IndexArray) -> FloatArray:
+    """(n,): at least how far the triangles of some leaves, ascending, are from the surface; infinite beyond the limit,
+    and where there are no feet."""
+    found = np.full(len(leaves), np.inf)
+    which = np.flatnonzero(plan.surfaces.are_smooth(leaves))
+    curvature, speed = _constants_around(plan, leaves[which])
+    which, curvature, speed = (each[np.isfinite(curvature)] for each in (which, curvature, speed))
+    for some in index_chunks(np.arange(len(which)), FEW_AT_ONCE):
+        own = leaves[which[some]]
+        drawn, coefficients = plan.approximation(own), plan.surfaces.coefficients(own)
+        numbers = template_numbers(drawn.patterns, drawn.alternatives)
+        bounds = template_feet(coefficients, numbers, curvature[some], speed[some], plan.request.limit)
+        found[which[some]] = bounds + drawn.thickness
+        plan.report()
+    return np.where(found <= plan.request.limit, found, np.inf)
+
+
+def template_feet(
+    coefficients: FloatArray, numbers: IndexArray, curvature: FloatArray, speed: FloatArray, limit: float
+) -> FloatArray:
+    """(P,): B of bicubic leaves with coefficients (16, P, 3) and the templates of these numbers (P,), as tight as it
+    takes to compare it with the limit. curvature, speed: (P,), κ and α around each, α in parts of m per length."""
+    nets, _ = _nets(coefficients)
+    frame, rounding = Frame.of(nets), ROUNDING * np.abs(nets).max(axis=(0, 1))
+    tilts = np.stack(frame.tilts)
+    tilt = (tilts * frame.dual_lengths).sum(axis=0)
+
+    def distances(off: FloatArray, own: IndexArray) -> FloatArray:
+        heights, xi, eta = np.abs(along_axes(frame.axes[:, :, own], off.swapaxes(1, 2))).swapaxes(0, 1)
+        heights += tilts[0, own] * xi
+        heights += tilts[1, own] * eta
+        along = heights.max(axis=0) * (1 + ROUNDING) + rounding[own] * (1 + tilt[own])
+        reach = lengths(off).max(axis=0) * (1 + ROUNDING) + rounding[own]
+        return foot_distances(along, reach, curvature[own], speed[own], 1.0)
+
+    return np.where(frame.is_known, bounds_over_parts(coefficients, numbers, limit, distances), np.inf)
+
+
+def _constants_around(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) each, of leaves, ascending, with all that touch them: κ; and α, in parts of the narrowest one per length."""
+    tree, near = plan.tree, with_rings(plan.tree, leaves, 1)
+    curvature, speed = np.full((2, len(near)), np.inf)
+    sizes = np.ldexp(1.0, -tree.levels[near].T.astype(np.int32))
+    for some in index_chunks(np.flatnonzero(plan.surfaces.are_smooth(near)), FEW_AT_ONCE):
+        nets, are_large = _nets(plan.surfaces.coefficients(near[some]))
+        frame = Frame.of(nets)
+        own = np.flatnonzero(frame.is_known & are_large)
+        curvature[some[own]] = frame.curvature[own] * (1 + ROUNDING)
+        speed[some[own]] = (frame.speeds * sizes[:, some]).max(axis=0)[own] * (1 + ROUNDING)
+        plan.report()
+    own = np.searchsorted(near, leaves)
+    largest = [largest_around(tree, near, each)[own] for each in (curvature, speed, 1 / sizes.min(axis=0))]
+    return largest[0], largest[1] * largest[2]
+
+
+def _nets(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The nets (16, 3, n) of bicubic leaves with coefficients (16, n, 3), from their middles on; and (n,) bool, whether
+    leaves are large for their coordinates."""
+    columns = coefficients.swapaxes(1, 2).reshape(16, -1)
+    # Differences first: those of what is near are exact.
+    local = columns - columns[:1]
+    largest, size = (np.abs(each).max(axis=0).reshape(3, -1).max(axis=0) for each in (columns, local))
+    nets = matrix_product(BERNSTEIN_TO_NET, local)
+    nets = (nets - matrix_product(MIDDLE[:1], nets)).reshape(16, 3, -1)
+    are_large: BoolArray = size >= LEAST_SIZE * largest
+    return nets, are_large
