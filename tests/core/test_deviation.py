@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 from functools import cache
 
@@ -363,3 +364,17 @@ def test_bad_input() -> None:
     flat_face = control.changed(positions=np.zeros_like(control.positions))
     with pytest.raises(InvalidMeshError):
         measure_deviation(flat_face, positions, triangles)
+
+
+def test_distances_of_any_number_of_places_take_little_memory() -> None:
+    """At a pole of hundreds of faces there are millions of pairs of places and facets."""
+    corners = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]])
+    facets = Facets(np.zeros(1, dtype=np.intp), corners, np.zeros(1))
+    places, which = np.full((500_000, 3), 0.5), np.zeros(500_000, dtype=np.intp)
+    tracemalloc.start()
+    off, nearest = facets.distances(places, which)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert np.all(off == 0.5)
+    # What is returned, and as much again for what is in between.
+    assert peak < 2 * (off.nbytes + nearest.nbytes)

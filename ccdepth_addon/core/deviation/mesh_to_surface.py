@@ -85,10 +85,14 @@ class Facets:
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """(N,) from places (N, 3) to the nearer one of a piece's triangles, and (N, 3) the nearest point."""
-        corners, points = columns(self.corners[which]), columns(places)
-        first, at_first = to_triangles(points, corners[[0, 1, 2]])
-        second, at_second = to_triangles(points, corners[[0, 2, 3]])
-        return np.minimum(first, second), np.where(first <= second, at_first, at_second).T
+        found, nearest = np.empty(len(places)), np.empty((len(places), 3))
+        for some in chunks(len(places), AT_ONCE):
+            corners, points = columns(self.corners[which[some]]), columns(places[some])
+            first, at_first = to_triangles(points, corners[[0, 1, 2]])
+            second, at_second = to_triangles(points, corners[[0, 2, 3]])
+            found[some] = np.minimum(first, second)
+            nearest[some] = np.where(first <= second, at_first, at_second).T
+        return found, nearest
 
 
 @dataclass(frozen=True)
