@@ -7,9 +7,8 @@ each of them; every face takes the largest depth. Nothing here writes to a mesh.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import bpy
@@ -19,34 +18,30 @@ from numpy.typing import NDArray
 from ..core import (
     BoolArray,
     FloatArray,
-    IndexArray,
-    PolygonMesh,
-    Pose,
     PoseDepths,
     Progress,
     check_input,
     check_pose,
     common_level,
-    needed_quality,
     no_report,
     part_of,
     pose_depths,
-    raised_depths,
     worst_pose,
 )
-from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, read_control_mesh
+from ..exchange.control_mesh import ControlMeshError, SharedMeshes, read_control_mesh
 from ..exchange.dependencies import KnownDescriptions, ObjectState, StateAtFrame, object_state
-from ..exchange.evaluated import NO_ORIGIN, evaluated, in_batches
+from ..exchange.evaluated import evaluated, in_batches
 from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
 from ..exchange.modifiers import OF_OBJECT, counted_modifiers, shown_vertices
 from .frames import frame_restored, typed_frames
-from .surfaces import Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of, surfaces_covering_others
+from .pose_groups import DepthRequest, PoseGroup, pose_groups
+from .surfaces import Faults, SurfaceSettings, refuse_bad_tolerance, surface_of
 
 # Parts of the time: for depths, and for the level that holds for all faces; what is left is for the worst frame.
 # Measured: depths take 40 s and the rest 12 s on 90,000 faces with creases at random.
 DEPTHS_SHARE, LEVEL_SHARE = 0.8, 0.14
 
-Part = TypeVar("Part", "MeshTask", "PoseGroup")
+Part = TypeVar("Part", "MeshTask", PoseGroup)
 
 
 @dataclass(frozen=True)
@@ -62,70 +57,6 @@ class DepthSettings(SurfaceSettings):
     def follows_objects(self) -> bool:
         """Whether each object's own modifier says where the vertices are."""
         return self.vertices == OF_OBJECT
-
-
-@dataclass(frozen=True)
-class DepthRequest:
-    """A surface whose depths are wanted, with vertices CONTROL or LIMIT. frame: where it was read; None without frames.
-
-    stretch: how many times as long as its own the longest tolerance of the surfaces is that it dominates: their
-    distances may be so much longer.
-    """
-
-    surface: Surface
-    vertices: str
-    frame: int | None
-    stretch: float = 1.0
-
-    def quality(self, level: int) -> int:
-        """The Quality that Use Limit Surface needs at a level, 0 for control vertices."""
-        if self.vertices != "LIMIT":
-            return 0
-        return needed_quality(self.surface.control.in_world, level, self.surface.tolerance)
-
-
-@dataclass(frozen=True)
-class PoseGroup:
-    """Requests whose control meshes have the same faces, which come from the same faces of the mesh: poses of one."""
-
-    requests: list[DepthRequest]
-    method: str
-
-    @property
-    def control(self) -> ControlMesh:
-        """The first one."""
-        return self.requests[0].surface.control
-
-    @property
-    def work(self) -> int:
-        """How many faces there are to compute."""
-        return len(self.requests) * self.control.face_count
-
-    @cached_property
-    def origins(self) -> tuple[IndexArray, BoolArray]:
-        """The faces of the mesh that those of the control mesh come from, and (F,) bool which come from one."""
-        faces = self.control.base_faces
-        if faces is None:
-            return np.arange(self.control.face_count), np.ones(self.control.face_count, dtype=bool)
-        known = faces != NO_ORIGIN
-        return faces[known], known
-
-    @property
-    def poses(self) -> tuple[list[Pose], str, str]:
-        """The poses, the method and the vertices, as the core takes them."""
-        poses = [Pose(self._maker(each.surface.control), each.surface.tolerance) for each in self.requests]
-        return poses, self.method, self.requests[0].vertices
-
-    def _maker(self, control: ControlMesh) -> Callable[[], PolygonMesh]:
-        # Turned in the same way, poses that are alike have the same bounds.
-        return lambda: (control if len(self.requests) == 1 else control.unturned()).in_world
-
-    def raised(self, found: PoseDepths, depths: NDArray[np.int32], progress: Progress) -> PoseDepths:
-        """What was found, for no lesser depths than those of the faces of the mesh: (faces of the mesh,) int32."""
-        faces, known = self.origins
-        floors = found.depths.copy()
-        floors[known] = depths[faces]
-        return raised_depths(*self.poses, found, floors, progress)
 
 
 @dataclass(frozen=True)
@@ -176,7 +107,7 @@ class DepthWork:
     def decide(self) -> None:
         """Decide which surfaces are measured, and check them. Raises ComputeError, naming every object at fault."""
         for task in self.tasks.values():
-            task.groups.extend(PoseGroup(poses, self.settings.method) for poses in _poses_of_one(_kept(task.read)))
+            task.groups.extend(pose_groups(task.read, self.settings.method))
             for group in task.groups:
                 for number, request in enumerate(group.requests):
                     check = check_pose if number else check_input
@@ -302,39 +233,6 @@ def _task_of(blender_object: bpy.types.Object, tasks: dict[int, MeshTask]) -> Me
     if blender_object.name not in task.object_names:
         task.object_names.append(blender_object.name)
     return task
-
-
-def _kept(requests: list[DepthRequest]) -> list[DepthRequest]:
-    """The requests of one mesh that no other dominates.
-
-    A dominated surface has the same control mesh and kind of vertices, and every vector of it is at most as long, in
-    units of the tolerance: its distances are no larger, and neither are its depths.
-    """
-    if len(requests) < 2:
-        return requests
-    kept = []
-    for group in _grouped(requests, lambda request: (request.vertices, request.surface.control.key)):
-        for own, others in surfaces_covering_others([each.surface for each in group]).items():
-            tolerance = group[own].surface.tolerance
-            longest = max([tolerance, *(group[place].surface.tolerance for place in others)])
-            # Without extent there is none, which is refused later.
-            kept.append(replace(group[own], stretch=longest / tolerance if tolerance > 0 else 1.0))
-    return kept
-
-
-def _poses_of_one(requests: list[DepthRequest]) -> list[list[DepthRequest]]:
-    """The requests in groups whose control meshes are poses of one, with the same kind of vertices, in the order of
-    their frames."""
-    groups = _grouped(requests, lambda request: (request.vertices, id(request.surface.control.topology)))
-    return [sorted(group, key=lambda request: request.frame or 0) for group in groups]
-
-
-def _grouped(requests: list[DepthRequest], kind: Callable[[DepthRequest], Hashable]) -> Iterable[list[DepthRequest]]:
-    """The requests in groups of one kind, in the order of the first of each."""
-    groups: dict[Hashable, list[DepthRequest]] = {}
-    for request in requests:
-        groups.setdefault(kind(request), []).append(request)
-    return groups.values()
 
 
 def compute_depths(work: DepthWork, progress: Progress = no_report) -> list[MeshDepths]:

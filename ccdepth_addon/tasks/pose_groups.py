@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which surfaces of a mesh are measured, in groups that are poses of one control mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import BoolArray, IndexArray, PolygonMesh, Pose, PoseDepths, Progress, needed_quality, raised_depths
+from ..exchange.control_mesh import ControlMesh
+from ..exchange.evaluated import NO_ORIGIN
+from .surfaces import Surface, surfaces_covering_others
+
+
+@dataclass(frozen=True)
+class DepthRequest:
+    """A surface whose depths are wanted, with vertices CONTROL or LIMIT. frame: where it was read; None without frames.
+
+    stretch: how many times as long as its own the longest tolerance of the surfaces is that it dominates: their
+    distances may be so much longer.
+    """
+
+    surface: Surface
+    vertices: str
+    frame: int | None
+    stretch: float = 1.0
+
+    def quality(self, level: int) -> int:
+        """The Quality that Use Limit Surface needs at a level, 0 for control vertices."""
+        if self.vertices != "LIMIT":
+            return 0
+        return needed_quality(self.surface.control.in_world, level, self.surface.tolerance)
+
+
+@dataclass(frozen=True)
+class PoseGroup:
+    """Requests whose control meshes have the same faces, which come from the same faces of the mesh: poses of one."""
+
+    requests: list[DepthRequest]
+    method: str
+
+    @property
+    def control(self) -> ControlMesh:
+        """The first one."""
+        return self.requests[0].surface.control
+
+    @property
+    def work(self) -> int:
+        """How many faces there are to compute."""
+        return len(self.requests) * self.control.face_count
+
+    @cached_property
+    def origins(self) -> tuple[IndexArray, BoolArray]:
+        """The faces of the mesh that those of the control mesh come from, and (F,) bool which come from one."""
+        faces = self.control.base_faces
+        if faces is None:
+            return np.arange(self.control.face_count), np.ones(self.control.face_count, dtype=bool)
+        known = faces != NO_ORIGIN
+        return faces[known], known
+
+    @property
+    def poses(self) -> tuple[list[Pose], str, str]:
+        """The poses, the method and the vertices, as the core takes them."""
+        poses = [Pose(self._maker(each.surface.control), each.surface.tolerance) for each in self.requests]
+        return poses, self.method, self.requests[0].vertices
+
+    def _maker(self, control: ControlMesh) -> Callable[[], PolygonMesh]:
+        # Turned in the same way, poses that are alike have the same bounds.
+        return lambda: (control if len(self.requests) == 1 else control.unturned()).in_world
+
+    def raised(self, found: PoseDepths, depths: NDArray[np.int32], progress: Progress) -> PoseDepths:
+        """What was found, for no lesser depths than those of the faces of the mesh: (faces of the mesh,) int32."""
+        faces, known = self.origins
+        floors = found.depths.copy()
+        floors[known] = depths[faces]
+        return raised_depths(*self.poses, found, floors, progress)
+
+
+def pose_groups(requests: list[DepthRequest], method: str) -> Iterator[PoseGroup]:
+    """What is measured of the requests of one mesh, in groups whose control meshes are poses of one, with the same kind
+    of vertices, in the order of their frames."""
+    for group in _grouped(_kept(requests), lambda request: (request.vertices, id(request.surface.control.topology))):
+        yield PoseGroup(sorted(group, key=lambda request: request.frame or 0), method)
+
+
+def _kept(requests: list[DepthRequest]) -> list[DepthRequest]:
+    """The requests of one mesh that no other dominates.
+
+    A dominated surface has the same control mesh and kind of vertices, and every vector of it is at most as long, in
+    units of the tolerance: its distances are no larger, and neither are its depths.
+    """
+    if len(requests) < 2:
+        return requests
+    kept = []
+    for group in _grouped(requests, lambda request: (request.vertices, request.surface.control.key)):
+        for own, others in surfaces_covering_others([each.surface for each in group]).items():
+            tolerance = group[own].surface.tolerance
+            longest = max([tolerance, *(group[place].surface.tolerance for place in others)])
+            # Without extent there is none, which is refused later.
+            kept.append(replace(group[own], stretch=longest / tolerance if tolerance > 0 else 1.0))
+    return kept
+
+
+def _grouped(requests: list[DepthRequest], kind: Callable[[DepthRequest], Hashable]) -> Iterable[list[DepthRequest]]:
+    """The requests in groups of one kind, in the order of the first of each."""
+    groups: dict[Hashable, list[DepthRequest]] = {}
+    for request in requests:
+        groups.setdefault(kind(request), []).append(request)
+    return groups.values()
