@@ -25,13 +25,14 @@ from ..exchange.blender_arrays import read_values
 from ..exchange.data_blocks import own_copy
 from ..exchange.evaluated import Evaluated, evaluated
 from ..exchange.modifiers import counted_modifiers
-from ..exchange.result_attributes import COLOR, has_values
+from ..exchange.result_attributes import has_values
 from ..state import heat_map, results
 from ..state.colors import BEYOND, scale_colors, to_linear
 from ..state.heat_map import Shown
 from ..ui.legend_contents import Color, Legend, legend
 from ..ui.legend_layout import Rectangle, Style, column
 from .blender_calls import CommandError, temporary_data
+from .picture_materials import emission_material, give_material, surface_material
 
 WIDTH, HEIGHT = 1600, 1000
 # Of the size that --picture has: as wide as the page of a report.
@@ -61,10 +62,6 @@ TEXT_COLOR = (0.62, 0.62, 0.62)
 STYLE_COLORS = {Style.TEXT: TITLE_COLOR, Style.HEADING: TEXT_COLOR}
 EDGE_COLOR = (0.008, 0.008, 0.010)
 SURFACE_COLOR = (0.60, 0.61, 0.63)
-
-# A face turned away from the light keeps this part of its colour: less than from one depth to the next.
-SHADOW = 0.8
-LIGHT = (-0.40, 0.55, 0.73)
 
 # Edges are drawn while faces are large enough to be seen between them.
 SHORTEST_DRAWN_EDGE = 5.0
@@ -212,7 +209,7 @@ def _add_surface(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, l
     width = _edge_width(mesh, matrix)
     if width > 0.0:
         _add_edges(scene, mesh.copy(), matrix, width)
-    _give_material(mesh, _surface_material(look))
+    give_material(mesh, surface_material(look is Look.HEAT_MAP))
     _add_object(scene, "Surface", mesh, matrix, SURFACE_COLOR)
 
 
@@ -226,7 +223,7 @@ def _edge_width(mesh: bpy.types.Mesh, matrix: Matrix) -> float:
 
 
 def _add_edges(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, width: float) -> None:
-    _give_material(mesh, _emission_material())
+    give_material(mesh, emission_material())
     edges = _add_object(scene, "Edges", mesh, matrix, EDGE_COLOR)
     wireframe = edges.modifiers.new("Wireframe", "WIREFRAME")
     wireframe.thickness = width / max(np.linalg.svd(np.array(matrix)[:3, :3], compute_uv=False).max(), 1e-30)
@@ -272,7 +269,7 @@ def _add_rectangle(
 ) -> None:
     mesh = bpy.data.meshes.new("Rectangle")
     mesh.from_pydata([(left, bottom, 0), (right, bottom, 0), (right, top, 0), (left, top, 0)], [], [(0, 1, 2, 3)])
-    _give_material(mesh, _emission_material())
+    give_material(mesh, emission_material())
     _add_object(scene, "Rectangle", mesh, _placed(0, 0, z), color)
 
 
@@ -287,7 +284,7 @@ def _add_text(
         # Whatever is too long for the picture is made smaller.
         curve.overflow = "SCALE"
         curve.text_boxes[0].width, curve.text_boxes[0].height = WIDTH - x - MARGIN, 1.5 * size
-    _give_material(curve, _emission_material())
+    give_material(curve, emission_material())
     _add_object(scene, "Text", curve, _placed(x, y, WIDTH), color)
 
 
@@ -299,54 +296,6 @@ def _add_object(
     added.color = (*color, 1.0)
     scene.collection.objects.link(added)
     return added
-
-
-def _give_material(data: Any, material: bpy.types.Material) -> None:
-    data.materials.clear()
-    data.materials.append(material)
-
-
-def _emission_material() -> bpy.types.Material:
-    """A material that glows in its object's colour."""
-    material, _nodes, emission = _new_emission("CC Depth Legend")
-    source = material.node_tree.nodes.new("ShaderNodeObjectInfo")
-    material.node_tree.links.new(source.outputs["Color"], emission.inputs["Color"])
-    return material
-
-
-def _surface_material(look: Look) -> bpy.types.Material:
-    """A material that glows in the colours of the results, or of its object, a little less where it is turned away from
-    the light."""
-    material, nodes, emission = _new_emission("CC Depth Surface")
-    links = material.node_tree.links
-    if look is Look.HEAT_MAP:
-        color = nodes.new("ShaderNodeAttribute")
-        color.attribute_name = COLOR
-    else:
-        color = nodes.new("ShaderNodeObjectInfo")
-    links.new(color.outputs["Color"], emission.inputs["Color"])
-    cosine = nodes.new("ShaderNodeVectorMath")
-    cosine.operation = "DOT_PRODUCT"
-    cosine.inputs[1].default_value = LIGHT
-    links.new(nodes.new("ShaderNodeNewGeometry").outputs["Normal"], cosine.inputs[0])
-    strength = nodes.new("ShaderNodeMapRange")
-    strength.inputs["From Min"].default_value = -0.1
-    strength.inputs["To Min"].default_value = SHADOW
-    links.new(cosine.outputs["Value"], strength.inputs["Value"])
-    links.new(strength.outputs["Result"], emission.inputs["Strength"])
-    return material
-
-
-def _new_emission(name: str) -> tuple[bpy.types.Material, bpy.types.Nodes, bpy.types.Node]:
-    material = bpy.data.materials.new(name)
-    if material.node_tree is None:
-        material.use_nodes = True
-    nodes = material.node_tree.nodes
-    nodes.clear()
-    emission = nodes.new("ShaderNodeEmission")
-    output = nodes.new("ShaderNodeOutputMaterial")
-    material.node_tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
-    return material, nodes, emission
 
 
 def _write_picture(scene: bpy.types.Scene, path: Path) -> None:

@@ -15,10 +15,11 @@ from tests.blender import addon, scene
 from tests.blender.subdividing import subdivide
 
 picture = addon.module("command_line.picture")
+materials = addon.module("command_line.picture_materials")
 colors = addon.module("state.colors")
 
 # Between a face in the light and one turned away from it.
-SHADES = np.linspace(picture.SHADOW, 1.0, 21)
+SHADES = np.linspace(materials.SHADOW, 1.0, 21)
 
 
 @pytest.fixture(autouse=True)
@@ -86,7 +87,7 @@ def test_faces_have_the_hues_of_their_depths(tmp_path: Path) -> None:
     shades = linear(seen.astype(np.float64)) / linear(color)
     # Every face is evenly darkened, by no more than the shading may take.
     assert np.median(np.ptp(shades, axis=1)) < 0.02
-    assert np.quantile(shades, 0.02) > picture.SHADOW - 0.02
+    assert np.quantile(shades, 0.02) > materials.SHADOW - 0.02
     assert np.quantile(shades, 0.98) < 1.02
 
 
