@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tolerances, units and numbers of faces as they are typed."""
+"""Tolerances, units and numbers as they are typed."""
 
 from __future__ import annotations
 
 import re
 from argparse import ArgumentTypeError
+from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf
+from math import inf, nan, nextafter
 
 from ..ui.lengths import IMPERIAL, METRIC
 
@@ -16,6 +17,9 @@ UNITS["um"] = UNITS["µm"]
 
 # Blender's integers have 32 bits.
 LARGEST_FACE_COUNT = 2**31 - 1
+
+# The least number greater than zero.
+LEAST = nextafter(0.0, inf)
 
 MULTIPLES = {"": 1, "k": 1_000, "m": 1_000_000}
 
@@ -75,3 +79,25 @@ def face_budget(text: str) -> int:
     if not 1 <= faces <= LARGEST_FACE_COUNT:
         raise ArgumentTypeError(f"“{text}” is not a number of faces: give one like 50000, 50k or 1.5M")
     return faces
+
+
+def whole_number(text: str) -> int:
+    """A number of processes, for one. Raises ArgumentTypeError."""
+    if not text.isdecimal() or int(text) < 1:
+        raise ArgumentTypeError(f"“{text}” is not a whole number of at least 1")
+    return int(text)
+
+
+def number_from(kind: str, least: float) -> Callable[[str], float]:
+    """What reads a finite number of at least so much, which is called so where it is refused."""
+
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = nan
+        if not least <= value < inf:
+            raise ArgumentTypeError(f"“{text}” is not a number {kind}")
+        return value
+
+    return number

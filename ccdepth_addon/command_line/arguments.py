@@ -5,16 +5,15 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from hashlib import sha256
-from math import inf, nan, nextafter
 from pathlib import Path
 
 from ..core import METHODS, Mode, Transitions
 from ..state.properties import VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
-from .amounts import UNITS, face_budget, face_limit, typed_tolerance
+from .amounts import LEAST, UNITS, face_budget, face_limit, number_from, typed_tolerance, whole_number
 from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
 
 DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
@@ -26,9 +25,6 @@ MAKING = {LEVELS, SUBDIVIDE}
 OVER_FRAMES = {DEPTHS, LEVELS}
 
 STANDARD_OUTPUT = "-"
-
-# The least number greater than zero.
-LEAST = nextafter(0.0, inf)
 
 # In bytes, of what file systems take, and one for the number of earlier versions.
 LONGEST_NAME = 254
@@ -110,20 +106,13 @@ def _add_choices(parser: Parser) -> None:
         "--faces", type=face_budget, help="take the best tolerance with which adaptive meshes have so many faces: 50k"
     )
     mode = parser.add_mutually_exclusive_group()
-    mode.add_argument(
-        "--relative",
-        dest="tolerance_mode",
-        action="store_const",
-        const="RELATIVE",
-        help="a bare tolerance is a part of the diagonal of each object's dimensions (default)",
-    )
-    mode.add_argument(
-        "--absolute",
-        dest="tolerance_mode",
-        action="store_const",
-        const="ABSOLUTE",
-        help="a bare tolerance is a distance in the scene",
-    )
+    lengths = {
+        "relative": "a part of the diagonal of each object's dimensions (default)",
+        "absolute": "a distance in the scene",
+    }
+    for name, length in lengths.items():
+        text = f"a bare tolerance is {length}"
+        mode.add_argument(f"--{name}", dest="tolerance_mode", action="store_const", const=name.upper(), help=text)
     add("--method", type=_name, choices=METHODS, help="how the distance is bounded; by default DISTANCE")
     add(
         "--vertices",
@@ -153,12 +142,12 @@ def _add_actions(parser: Parser) -> None:
     )
     add(
         "--accuracy",
-        type=_number("greater than zero", LEAST),
+        type=number_from("greater than zero", LEAST),
         help="how near the two distances measured are to be, as a part of them (0.05)",
     )
     add(
         "--time-limit",
-        type=_number("of seconds", 0.0),
+        type=number_from("of seconds", 0.0),
         metavar="SECONDS",
         help="measure no longer than so many seconds; 0 for no limit",
     )
@@ -212,7 +201,7 @@ def _add_outputs(parser: Parser) -> None:
 def _add_runs(parser: Parser) -> None:
     parser.add_argument(
         "--jobs",
-        type=_job_count,
+        type=whole_number,
         metavar="N",
         help="do so many files at a time, in other processes: a file that crashes Blender fails alone",
     )
@@ -224,7 +213,7 @@ def _add_runs(parser: Parser) -> None:
     )
     parser.add_argument(
         "--file-timeout",
-        type=_number("of seconds greater than zero", LEAST),
+        type=number_from("of seconds greater than zero", LEAST),
         metavar="SECONDS",
         help="end what takes longer with one file, which is the failure of that file; with --jobs, 1 by default",
     )
@@ -337,24 +326,3 @@ def _frames(text: str) -> str:
 def _suffix(text: str) -> str:
     """STL → .stl"""
     return "." + text.lower().removeprefix(".")
-
-
-def _job_count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"“{text}” is not a whole number of at least 1")
-    return int(text)
-
-
-def _number(kind: str, least: float) -> Callable[[str], float]:
-    """What reads a finite number of at least so much, which is called so where it is refused."""
-
-    def number(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = nan
-        if not least <= value < inf:
-            raise argparse.ArgumentTypeError(f"“{text}” is not a number {kind}")
-        return value
-
-    return number
