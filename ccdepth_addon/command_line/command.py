@@ -22,8 +22,9 @@ from .blender_calls import CommandError
 from .mesh_files import BLEND
 from .one_file import claimed_output, process_file
 from .processes import answer, given_numbers, own_process, process_files
-from .report import FileEntry, Report, ReportError, csv_text, gathered_reports, json_text, stamp
+from .report import FileEntry, Report, csv_text, json_text, stamp
 from .report_page import page
+from .report_reading import ReportError, gathered_reports
 from .report_text import losses
 from .scripted_drivers import scripts_as_started
 from .verification import verify

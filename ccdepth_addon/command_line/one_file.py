@@ -10,23 +10,19 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import bpy
-import numpy as np
 
-from ..exchange.blender_arrays import read_values
-from ..exchange.modifiers import shown_vertices
-from ..exchange.result_attributes import BOUND_KIND
 from ..state import properties
-from ..state.properties import scene_tolerance, set_scene_tolerance, setting_names
+from ..state.properties import set_scene_tolerance, setting_names
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
-from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortest_decimal, typed_values
+from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError
 from ..ui.printable import printable
 from . import picture
+from .actions import ACTIONS, call_for, settings_of
 from .amounts import UNITS
-from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
-from .blender_calls import CommandError, call
+from .arguments import MAKING, MEASURE, SCENE_RANGE, action_of, is_measured, output_of
+from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
 from .mesh_files import (
     BLEND,
@@ -41,38 +37,14 @@ from .mesh_files import (
     write_meshes,
     writer,
 )
-from .report import (
-    Chosen,
-    Distances,
-    FileEntry,
-    Frame,
-    ObjectEntry,
-    ReportPictures,
-    metres_rounded_up,
-    stamp,
-)
-from .report_text import print_measured, print_results, settings_text
+from .report import Chosen, Distances, FileEntry, ObjectEntry, ReportPictures, stamp
+from .report_text import print_measured, settings_text
 from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import PNG, UnwrittenError, check_whole, claimed, refuse_existing, written_whole
 from .written_meshes import Edges, measured_distances, read_written, shown_triangles
 
 # The options that are settings of the scene under the same names.
 GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "output"}
-
-# The settings that what is done goes by, beside the tolerance.
-OF_DEPTHS = setting_names(properties.ToleranceProperties, properties.DepthProperties)
-SETTINGS = {
-    DEPTHS: OF_DEPTHS,
-    LEVELS: OF_DEPTHS,
-    SUBDIVIDE: setting_names(
-        properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties
-    ),
-    MEASURE: setting_names(properties.ToleranceProperties, properties.MeasureProperties),
-}
-
-
-# What was done with objects: of each the entry so far, and the object that has the result.
-Outcomes = list[tuple[ObjectEntry, bpy.types.Object]]
 
 
 def process_file(source: Path | None, options: Namespace) -> FileEntry:
@@ -97,7 +69,7 @@ def _processed(source: Path | None, output: Path | None, options: Namespace) -> 
     settings = bpy.context.scene.ccdepth
     change_settings(settings, options)
     if options.faces is not None:
-        _call_for(objects, bpy.ops.ccdepth.find_tolerance, face_budget=options.faces)
+        call_for(objects, bpy.ops.ccdepth.find_tolerance, face_budget=options.faces)
     action = action_of(options)
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
@@ -200,12 +172,6 @@ def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> No
         set_scene_tolerance(settings, tolerance)
 
 
-def settings_of(action: str) -> dict[str, Any]:
-    """The scene's settings for what is done, by their names."""
-    settings = bpy.context.scene.ccdepth
-    return {"tolerance": scene_tolerance(settings), **typed_values(settings, SETTINGS[action])}
-
-
 def measure_settings(time_limit: float | None) -> MeasureSettings:
     """The scene's settings for measuring what was written. time_limit: in seconds, for each object. Without one it
     takes as long as it takes: the scene's is for those who wait."""
@@ -218,92 +184,6 @@ def surfaces_of(objects: Sequence[bpy.types.Object]) -> list[MeasureTask]:
         return prepare_targets(bpy.context, list(objects), measure_settings(None))
     except ComputeError as fault:
         raise CommandError(str(fault)) from fault
-
-
-def _call_for(objects: Sequence[bpy.types.Object], operator: Any, **properties: Any) -> None:
-    """Call an operator with these objects selected."""
-    with bpy.context.temp_override(selected_objects=list(objects), active_object=objects[0]):
-        call(operator, **properties)
-
-
-def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance: float) -> ObjectEntry:
-    """tolerance: in the unit of the scene."""
-    length = shortest_decimal(tolerance) * scene_unit(bpy.context.scene)
-    return ObjectEntry(blender_object.name, settings, length, len(blender_object.data.polygons))
-
-
-def _compute_depths(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    _call_for(objects, bpy.ops.ccdepth.compute)
-    print_results(objects)
-    return [(_depth_entry(each, settings), each) for each in objects]
-
-
-def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
-    mesh = blender_object.data
-    record = mesh.ccdepth
-    bounds = read_values(mesh.attributes[BOUND_KIND.name].data, "value", np.float32)
-    return replace(
-        _entry(blender_object, settings, record.world_tolerance),
-        vertices=shown_vertices(blender_object, settings["vertices"]),
-        deepest=max(record.deepest, record.added_deepest),
-        level=record.uniform_level,
-        worst_frame=Frame(record.worst_frame) if record.frames else None,
-        proved=metres_rounded_up(float(bounds.max(initial=0.0)), scene_unit(bpy.context.scene)),
-    )
-
-
-def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    _call_for(objects, bpy.ops.ccdepth.compute)
-    _call_for(objects, bpy.ops.ccdepth.set_levels)
-    print_results(objects)
-    return [
-        (replace(_depth_entry(each, settings), result_faces=int(each.data.ccdepth.uniform_faces)), each)
-        for each in objects
-    ]
-
-
-def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    names, faces = [each.name for each in objects], [len(each.data.polygons) for each in objects]
-    in_place = bpy.context.scene.ccdepth.output == "IN_PLACE"
-    before = set(bpy.data.objects)
-    _call_for(objects, bpy.ops.ccdepth.subdivide)
-    made = list(objects)
-    if not in_place:
-        results = {each.ccdepth.source_name: each for each in bpy.data.objects if each not in before}
-        made = [results[name] for name in names]
-    print_results(made)
-    return [
-        (replace(_adaptive_entry(each, settings), name=name, faces=count), each)
-        for name, count, each in zip(names, faces, made, strict=True)
-    ]
-
-
-def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
-    record = result.data.ccdepth
-    return replace(
-        _entry(result, settings, record.world_tolerance),
-        result=result.name,
-        result_faces=record.faces,
-        deepest=record.deepest,
-        proved=metres_rounded_up(record.largest_bound, scene_unit(bpy.context.scene)),
-    )
-
-
-def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    return [(_measured_entry(each, settings), each) for each in objects]
-
-
-def _measured_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
-    """Measure an object against its own limit surface."""
-    _call_for([blender_object], bpy.ops.ccdepth.measure)
-    record = blender_object.data.ccdepth
-    unit = scene_unit(bpy.context.scene)
-    distances = Distances.of(record.deviation, record.deviation_reached, unit)
-    entry = _entry(blender_object, settings, record.measurement.world_tolerance)
-    return replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
-
-
-ACTIONS = {DEPTHS: _compute_depths, LEVELS: _set_levels, SUBDIVIDE: _subdivide, MEASURE: _measure}
 
 
 def _write(

@@ -18,32 +18,14 @@ from ..operators.measure_deviation import surface_object
 from ..state.properties import set_scene_tolerance
 from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement
 from ..ui.printable import printable_lines
+from .actions import ACTIONS, SETTINGS, settings_of
 from .arguments import MAKING, MEASURE, SUBDIVIDE
 from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
 from .mesh_files import BLEND, load, scene_unit, unit_of
-from .one_file import (
-    ACTIONS,
-    SETTINGS,
-    as_held,
-    evaluated_objects,
-    measure_settings,
-    settings_of,
-    surfaces_of,
-    with_answer,
-)
-from .report import (
-    FORMAT_VERSION,
-    ROUNDING,
-    UNTOLD_OF_OBJECTS,
-    Chosen,
-    FileEntry,
-    FileStamp,
-    ObjectEntry,
-    Report,
-    read_report,
-    stamp,
-)
+from .one_file import as_held, evaluated_objects, measure_settings, surfaces_of, with_answer
+from .report import FORMAT_VERSION, ROUNDING, Chosen, FileEntry, FileStamp, ObjectEntry, Report, stamp
+from .report_reading import UNTOLD_OF_OBJECTS, read_report
 from .written_meshes import GLB, STL, measured_distances, read_written
 
 # Measure Deviation tells no distances apart that are within this part of the tolerance (docs/deviation.md).

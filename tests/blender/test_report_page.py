@@ -23,6 +23,7 @@ from tests.blender.command_line_runs import CHECKOUT, run, save
 
 picture = addon.module("command_line.picture")
 report = addon.module("command_line.report")
+report_reading = addon.module("command_line.report_reading")
 report_page = addon.module("command_line.report_page")
 
 LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
@@ -110,7 +111,7 @@ def test_a_page_has_all_that_was_found(tmp_path: Path, action: str) -> None:
     written = html.read_bytes()
     assert run(source, *LINE, "--html", html) == 1
     assert html.read_bytes() == written
-    [entry] = report.read_report(tmp_path / "report.json").files
+    [entry] = report_reading.read_report(tmp_path / "report.json").files
     for text in (NASTY, "cubes & <b>'bold'.blend", entry.source.sha256, "0.05"):
         assert text in page.text
     if entry.output is not None:
