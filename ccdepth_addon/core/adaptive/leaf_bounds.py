@@ -53,6 +53,9 @@ TILE_LEVELS = (3, 6, 14)
 # Pieces looked at together, and so many as there are at once.
 PIECES_AT_ONCE, MOST_PIECES = 1 << 13, 1 << 15
 
+# A leaf with more open pieces than the time before is given up: splitting it costs a few faces, looking on more time.
+MOST_GROWTH = 1.0
+
 # Leaves whose tiles are there together, and those compared at equal parameters.
 LEAVES_AT_ONCE, FEW_LEAVES_AT_ONCE = 1 << 14, 1 << 11
 
@@ -154,7 +157,7 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
     usable = np.flatnonzero((ends > firsts) & (unusable[ends] == unusable[firsts]))
 
     def include(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form) -> None:
-        include_pieces(shell, found, bases, pieces, form, limit, beyond)
+        include_pieces(shell, found, bases, pieces, form, limit, beyond, growth=MOST_GROWTH)
 
     found = np.full(len(wanted), np.inf)
     found[usable] = _by_pieces(plan, wanted[usable], shell.triangles.corners, firsts[usable], include)

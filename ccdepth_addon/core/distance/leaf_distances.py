@@ -27,6 +27,9 @@ from .shells import QUAD_TRIANGLES, Shell, Triangles, vertex_vectors
 # Quads whose tiles are looked at together, and pieces of these.
 QUADS_AT_ONCE, PIECES_AT_ONCE = 1 << 12, 1 << 12
 
+# A level too many makes four times the faces: a quad is given up only where more pieces are open than on a curve.
+MOST_GROWTH = 3.0
+
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
 # (2, 2, 2, 2): for each triangle of a quad, from parameters seen from its first corner to weights of the other two.
@@ -127,7 +130,7 @@ class Leaves:
     def _include(self, found: FloatArray, quads: IndexArray, tiles: Tiles) -> None:
         """Raise what is found (n,) of quads to the bounds of pieces of tiles, divided where that is needed."""
         for bases, pieces, form in self._pieces(quads, tiles, found):
-            include_pieces(self.shell, found, bases, pieces, form, self.limit)
+            include_pieces(self.shell, found, bases, pieces, form, self.limit, growth=MOST_GROWTH)
 
     def _drawn(self, squares: Squares, places: FloatArray, quads: IndexArray, triangles: IndexArray) -> FloatArray:
         """(R, n, 3): the points, or in its plane beyond, of a triangle of each quad, at places (R, 2) in squares."""

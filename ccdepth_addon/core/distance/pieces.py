@@ -15,8 +15,9 @@ from .piece_hulls import Pieces, off_at_equal
 from .shell_bounds import shell_bounds
 from .shells import Shell
 
-# How often pieces are halved both ways before what they are of is given up. Where places are proved but for single
-# points no more pieces are open each time, from this division on: what has more of them is given up as well.
+# How often pieces are halved both ways before what they are of is given up, and from which time on what has too many
+# more open pieces than the time before is given up as well. A curve on which places are not proved meets twice as many
+# pieces each time, and single points no more.
 SPLITS, SETTLED_AT = 5, 2
 
 # The same at equal parameters.
@@ -45,9 +46,11 @@ def include_pieces(
     form: Form,
     limit: float,
     off_beyond: FloatArray | None = None,
+    *,
+    growth: float,
 ) -> None:
     """Raise what is found (n,) to the bounds of pieces, by their bases (P,); infinite where no bound within the limit
-    is proved. off_beyond: as of ``shell_bounds``."""
+    is proved. off_beyond: as of ``shell_bounds``. growth: the largest factor by which open pieces may become more."""
     before = np.full(len(found), np.inf)
     for split in range(SPLITS + 1):
         beyond = _heights_at(shell, form.values, pieces) > limit
@@ -64,7 +67,7 @@ def include_pieces(
             return
         counts = np.bincount(bases[is_open], minlength=len(found))
         if split >= SETTLED_AT:
-            found[counts > before] = np.inf
+            found[counts > growth * before] = np.inf
         before = counts
         is_open &= np.isfinite(found[bases])
         bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
