@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What can be done with the objects of a file: by which settings, by which operators, and what a report says of it."""
+"""The actions on the objects of a file: their settings, their operators, and their entries in a report."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def whole_number(text: str) -> int:
 
 
 def number_from(kind: str, least: float) -> Callable[[str], float]:
-    """What reads a finite number of at least so much, which is called so where it is refused."""
+    """A reader of finite numbers of at least a least one, which calls them by a name where it refuses."""
 
     def number(text: str) -> float:
         try:

@@ -72,7 +72,7 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def _given(self, options: argparse.Namespace) -> set[str]:
-        """What was given, by the names that the options have here."""
+        """The given values, by the names that the options have here."""
         values = {each.dest: (getattr(options, each.dest, each.default), each.default) for each in self._actions}
         return {name for name, (value, default) in values.items() if value not in (default, [])}
 
@@ -87,7 +87,7 @@ def _without_separator(arguments: Sequence[str]) -> list[str]:
 
 
 def _add_choices(parser: Parser) -> None:
-    """Which objects, and how near."""
+    """The options that choose objects, and the tolerance."""
     add = parser.add_argument
     add("--objects", nargs="+", action="extend", metavar="NAME", help="these objects alone")
     add("--collection", metavar="NAME", help="the objects of this collection alone")
@@ -222,7 +222,7 @@ def _add_runs(parser: Parser) -> None:
 
 
 def action_of(options: argparse.Namespace) -> str:
-    """What is done with each object."""
+    """The action on each object."""
     if options.subdivide:
         return SUBDIVIDE
     if options.levels:
@@ -231,7 +231,7 @@ def action_of(options: argparse.Namespace) -> str:
 
 
 def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
-    """Where the results of a file go."""
+    """The path that the results of a file go to."""
     if options.output_folder is None:
         return options.output
     suffix = options.format or BLEND
@@ -250,7 +250,7 @@ def is_measured(options: argparse.Namespace) -> bool:
 
 
 def _fault(options: argparse.Namespace, given: set[str]) -> str | None:
-    """What is wrong with the command line, if anything is. given: the names of the options that are there."""
+    """The fault of the command line, if there is one. given: the names of the options that are there."""
     sources: list[Path | None] = options.files or [None]
     outputs = [output_of(source, options) for source in sources]
     action, reports = action_of(options), [options.json, options.csv, options.html]
@@ -304,7 +304,7 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
 
 
 def _place(path: Path) -> Path:
-    """Where a file really is: there may be several ways to its folder. A link that is written to is replaced."""
+    """The place of a file, whichever way leads to its folder. A link that is written to is replaced."""
     return Path(os.path.realpath(path.parent)) / path.name
 
 

@@ -12,7 +12,7 @@ import bpy
 
 
 class CommandError(Exception):
-    """What was asked for cannot be done; the message says why."""
+    """A request that cannot be met; the message says why."""
 
 
 def call(operator: Any, **properties: Any) -> None:
@@ -26,7 +26,7 @@ def call(operator: Any, **properties: Any) -> None:
 
 
 def _report_in(message: str, name: str) -> str:
-    """What an operator of this name reported; of one that is written in Python and went wrong, what it raised."""
+    """The report of an operator of this name; the exception of an operator in Python that went wrong."""
     text = re.sub(r"^Error: ", "", message, flags=re.MULTILINE).strip()
     if "Traceback (most recent call last)" not in text:
         return text
@@ -46,7 +46,7 @@ def available(name: str) -> Any | None:
 
 
 def known_options(operator: Any, options: dict[str, Any]) -> dict[str, Any]:
-    """Those of the options that the operator has in this Blender."""
+    """The options that the operator has in this Blender."""
     properties = operator.get_rna_type().properties
     return {name: value for name, value in options.items() if name in properties}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which objects of a file are worked on."""
+"""The objects of a file that are worked on."""
 
 from __future__ import annotations
 

@@ -114,12 +114,12 @@ def names_of(suffixes: Sequence[str]) -> str:
 
 
 def scene_unit(scene: bpy.types.Scene) -> float:
-    """How many metres a unit of the scene is."""
+    """The length of the scene's unit in metres."""
     return shortest_decimal(scene.unit_settings.scale_length)
 
 
 def unit_of(path: Path, unit: float | None) -> float:
-    """How many metres a unit of a file is, which is no .blend file, where this unit was asked for."""
+    """The length of a file's unit in metres, of other files than .blend, where this unit was asked for."""
     default = UNITS.get(path.suffix.lower())
     if default is None:
         return 1.0

@@ -62,7 +62,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
 
 
 def _processed(source: Path | None, output: Path | None, options: Namespace) -> FileEntry:
-    """The same, where the outputs are claimed."""
+    """The entry of a file whose outputs are claimed."""
     load(source, UNITS.get(options.unit))
     found, left_out = chosen_objects(source, options.objects, options.collection)
     objects, error = evaluated_objects(source, found)
@@ -93,7 +93,7 @@ def _processed(source: Path | None, output: Path | None, options: Namespace) -> 
 
 
 def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
-    """What the page shows of an object that has a result. Raises CommandError."""
+    """The pictures on the page of an object with a result. Raises CommandError."""
     pictures = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"picture{picture.WEBP if picture.has_webp() else PNG}"
@@ -237,7 +237,7 @@ def as_held(entry: ObjectEntry, part: Measured) -> ObjectEntry:
 
 @contextmanager
 def _written(path: Path, options: Namespace) -> Iterator[Path]:
-    """Where to write the file; it is there as a whole afterwards, or CommandError is raised."""
+    """The path to write the file to; it is there as a whole afterwards, or CommandError is raised."""
     backups = bpy.context.preferences.filepaths.save_version if path.suffix.lower() == BLEND else 0
     companions = COMPANIONS.get(path.suffix.lower(), ())
     try:

@@ -73,7 +73,7 @@ STAMPS = ("date", "time", "render_time", "frame", "scene", "camera", "filename")
 
 
 class Look(Enum):
-    """What a picture shows: the colours of the results, with their legend, or the edges on a surface of one colour."""
+    """The look of a picture: the colours of the results, with their legend, or the edges on a surface of one colour."""
 
     HEAT_MAP = auto()
     WIREFRAME = auto()
@@ -168,7 +168,7 @@ def _placed(x: float, y: float, z: float) -> Matrix:
 
 
 def _view_rotation() -> Matrix:
-    """From the scene's directions to the picture's: X to the right, Y up, Z to the viewer."""
+    """The rotation from the scene's directions to the picture's: X to the right, Y up, Z to the viewer."""
     right = (cos(AZIMUTH), sin(AZIMUTH), 0.0)
     up = (-sin(ELEVATION) * sin(AZIMUTH), sin(ELEVATION) * cos(AZIMUTH), cos(ELEVATION))
     viewer = (cos(ELEVATION) * sin(AZIMUTH), -cos(ELEVATION) * cos(AZIMUTH), sin(ELEVATION))
@@ -188,7 +188,7 @@ def _colored_mesh(
 
 
 def _fitting(meshes: list[bpy.types.Mesh], matrices: list[Matrix]) -> Matrix:
-    """What scales and moves the objects, turned to the viewer, into the space left and below of the texts."""
+    """The matrix that scales and moves the objects, turned to the viewer, into the space beside the texts."""
     seen = np.concatenate([_seen_positions(*pair) for pair in zip(meshes, matrices, strict=True)])
     least, largest = seen.min(axis=0), seen.max(axis=0)
     middle, extent = (least + largest) / 2, largest - least
@@ -214,7 +214,7 @@ def _add_surface(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, l
 
 
 def _edge_width(mesh: bpy.types.Mesh, matrix: Matrix) -> float:
-    """How wide to draw the edges, in pixels; 0 when they would hide the faces."""
+    """The width of the edges in pixels; 0 when they would hide the faces."""
     if not len(mesh.edges) or len(mesh.polygons) > LARGEST_DRAWN_FACE_COUNT:
         return 0.0
     ends = _seen_positions(mesh, matrix)[read_values(mesh.edges, "vertices", np.int32, 2)]

@@ -36,8 +36,8 @@ GRACE = 5.0
 
 
 def own_process(command: str) -> list[str]:
-    """What runs our command in another process of this Blender, with the options it was started with itself. Raises
-    CommandError when this is no program."""
+    """The line that runs our command in another process of this Blender, with the options it was started with itself.
+    Raises CommandError when this is no program."""
     if not bpy.app.binary_path:
         raise CommandError("--jobs needs Blender's own program")
     options = sys.argv[1:]
@@ -122,7 +122,7 @@ class _Worker(Thread):
                 self._all_done.put((number, entry, output))
 
     def _done(self, number: int) -> tuple[FileEntry, str]:
-        """What is done with a file, and what is printed meanwhile. When the process ends meanwhile, and had done other
+        """The entry of a file, and the output printed meanwhile. When the process ends meanwhile, and had done other
         files before, which may be to blame, the file is tried once more by a new one."""
         is_new, begin, limit = self._process is None, monotonic(), self._options.file_timeout
         if self._process is None:
@@ -147,7 +147,7 @@ class _Worker(Thread):
         return self._failed(number, f"Blender ended with status {status}: {last}"), output
 
     def _answered(self, process: subprocess.Popen[str], number: int) -> tuple[FileEntry | None, str]:
-        """What a process says of a file, nothing if it ends before, and what is printed meanwhile."""
+        """A process's entry of a file, nothing if the process ends before, and the output printed meanwhile."""
         assert process.stdin is not None
         assert process.stdout is not None
         output, timer = "", Timer(self._options.file_timeout or 0.0, process.kill)

@@ -50,14 +50,14 @@ class Distances:
 
     @classmethod
     def of(cls, proved: float, reached: float, metres_per_unit: float) -> Distances:
-        """Of lengths of the scene."""
+        """Distances from lengths of the scene."""
         least = max(0.0, nextafter(reached * metres_per_unit, 0.0))
         return cls(metres_rounded_up(proved, metres_per_unit), least)
 
 
 @dataclass(frozen=True)
 class ObjectEntry:
-    """What was found of an object.
+    """The findings on an object.
 
     name: the object whose limit surface it is; result: the object that was made of it, if another. settings: as they
     were given, by their names. tolerance: as a length. faces: of its mesh; vertices: those that depths were computed
@@ -97,7 +97,7 @@ class FileStamp:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Which objects of a file were asked for: those of these names and of this collection; all without any."""
+    """The objects of a file that were asked for, by their names and a collection; all without any."""
 
     objects: list[str] | None
     collection: str | None
@@ -105,7 +105,7 @@ class Chosen:
 
 @dataclass(frozen=True)
 class ReportPictures:
-    """What the page shows of an object beside its numbers: how many faces have which depth, from the least on, and
+    """The parts of the page on an object beside its numbers: how many faces have which depth, from the least on, and
     pictures, as WebP files, or PNG files from a Blender that cannot write those."""
 
     faces_by_depth: tuple[tuple[int, int], ...]
@@ -115,7 +115,7 @@ class ReportPictures:
 
 @dataclass(frozen=True)
 class FileEntry:
-    """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did.
+    """The entry of a file. source: None for Blender's Suzanne. error: why it failed, if it did.
     chosen: None where no object was done. left_out: why objects were, by their names: HIDDEN, COLLECTION_INSTANCE or
     their type in Blender; None where it is not told. companions: files that were written beside the output and belong
     to it. lost: what of the objects these do not hold. pictures: one for each object where a page is to be written or
@@ -143,7 +143,7 @@ class FileEntry:
 
 @dataclass(frozen=True)
 class Report:
-    """What a run did: depths, levels, subdivide or measure. version: of the format that it was read from. is_own:
+    """The report of a run: depths, levels, subdivide or measure. version: of the format that it was read from. is_own:
     whether this version of CC Depth made it, in this version of Blender."""
 
     action: str
@@ -157,7 +157,7 @@ class Report:
 
 
 def name_of(source: Path | None) -> str:
-    """What a file is called: as it was given, and Blender's Suzanne, which is none, by its name."""
+    """The name of a file, as it was given; of Blender's Suzanne, which is no file, its own."""
     return "Suzanne" if source is None else str(source)
 
 
@@ -196,7 +196,7 @@ def _file_content(entry: FileEntry, with_pictures: bool) -> dict[str, Any]:
 
 
 def _written(folder: Path | None, value: bytes | Path) -> str:
-    """What JSON has for a picture, or for a file as it is seen from a folder."""
+    """The JSON value of a picture, or of a file as it is seen from a folder."""
     if isinstance(value, bytes):
         return b64encode(value).decode()
     path = value.absolute()

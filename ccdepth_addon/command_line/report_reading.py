@@ -128,8 +128,8 @@ def _agree(entry: ObjectEntry) -> bool:
 
 
 def _read(hint: Any, value: Any, folder: Path, name: str = "") -> Any:
-    """What JSON has for a value of a type; numbers, but for frames, have to be finite and not negative. Raises
-    ValueError where it is no such value. folder: that paths are seen from. name: of the field."""
+    """The value of a type from JSON; numbers, but for frames, have to be finite and not negative. Raises ValueError
+    where it is no such value. folder: that paths are seen from. name: of the field."""
     if get_origin(hint) in (Union, UnionType):
         return None if value is None else _read(get_args(hint)[0], value, folder, name)
     if isinstance(hint, type) and is_dataclass(hint) and isinstance(value, dict):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is printed of results."""
+"""The text that is printed of results."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from .report import FileEntry
 
 
 def print_results(objects: Sequence[bpy.types.Object]) -> None:
-    """What is known of the depths on each mesh, and how many of its faces have which; or of each adaptive mesh."""
+    """Print the facts of the depths on each mesh, with the number of faces of each depth; or those of each adaptive
+    mesh."""
     print(settings_text(objects))
     for mesh, names in _names_by_mesh(objects).items():
         print(f"\n{names}\n{_result_text(mesh.ccdepth)}\n")
 
 
 def _result_text(record: bpy.types.PropertyGroup) -> str:
-    """What is known of a result, as lines of text."""
+    """The facts of a result, as lines of text."""
     facts = [f"  {fact.name}: {fact.value}" for fact in facts_of(bpy.context.scene, record)]
     if record.subdivision:
         return "\n".join(facts)
@@ -35,7 +36,7 @@ def _result_text(record: bpy.types.PropertyGroup) -> str:
 
 
 def losses(entry: FileEntry) -> Iterator[str]:
-    """What of a file was left out, and what of the objects the file written does not hold."""
+    """The parts of a file that were left out, and the parts of objects that the written file does not hold."""
     for name, reason in (entry.left_out or {}).items():
         yield f"“{printable(name)}” is left out: {reason.lower().replace('_', ' ')}"
     if entry.lost:
@@ -43,7 +44,7 @@ def losses(entry: FileEntry) -> Iterator[str]:
 
 
 def print_measured(entry: FileEntry) -> None:
-    """How far meshes are from their limit surfaces."""
+    """Print the distances of meshes from their limit surfaces."""
     for each in entry.objects:
         if each.measured is not None:
             most = metres_text(each.measured.proved, Rounding.UP)

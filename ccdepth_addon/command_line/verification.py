@@ -58,7 +58,7 @@ def verify(path: Path) -> bool:
 
 
 def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
-    """What does not hold of a file. Raises CommandError, OSError and ValueError when it cannot be checked."""
+    """The faults of a file. Raises CommandError, OSError and ValueError when it cannot be checked."""
     files = (entry.source, entry.output, *entry.companions)
     faults = [*_contradictions(report, entry), *(fault for each in files for fault in _other_file(each))]
     yield from faults
@@ -266,7 +266,7 @@ def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
 
 
 def _differences(said: ObjectEntry, found: ObjectEntry, largest: float) -> Iterator[str]:
-    """What of an object is not as the report says. largest: the largest tolerance of the objects in its file."""
+    """The differences of an object from the report. largest: the largest tolerance of the objects in its file."""
     wrong = [name for name in EXACT if getattr(said, name) != getattr(found, name)]
     wrong += [name for name in AT_LEAST if not _is_at_least(getattr(said, name), getattr(found, name))]
     if not isclose(said.tolerance, found.tolerance, rel_tol=ROUNDING):
@@ -295,7 +295,7 @@ def _is_at_least(one: float | None, other: float | None) -> bool:
 
 
 def _measured_differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str]:
-    """What of the distances measured is not as the report says."""
+    """The differences of measured distances from the report."""
     one, other = said.measured, found.measured
     if one is None and other is not None:
         yield "the report does not say how far what was written is from the limit surface"

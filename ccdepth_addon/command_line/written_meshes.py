@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was written, read back from the file and measured against the limit surfaces that it came from."""
+"""The written meshes, read back from the file and measured against their limit surfaces."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STL_HEADER = 84
 
 @dataclass(frozen=True)
 class Edges:
-    """How triangles lie around the edges of a mesh.
+    """The ways in which triangles lie around the edges of a mesh.
 
     are_closed: whether each edge is one of two triangles, or of another even number: the mesh has no border.
     are_oriented: whether at each edge as many triangles run along it one way as the other, or one more at most: those
@@ -54,12 +54,12 @@ class Edges:
 
 
 def shown_triangles(blender_object: bpy.types.Object) -> int:
-    """How many triangles the object shows. Raises CommandError."""
+    """The number of triangles that the object shows. Raises CommandError."""
     return len(_shown(blender_object).triangles.corners)
 
 
 def read_written(path: Path, scale: float, written: Mapping[str, int]) -> list[Measured]:
-    """What the file holds of each object, in place of what is open. scale: the unit of the file in that of the
+    """The objects as the file holds them, in place of the open file. scale: the unit of the file in that of the
     surfaces. written: how many triangles each object shows, by its name. Raises CommandError when it does not hold all
     that was written."""
     suffix = path.suffix.lower()
@@ -92,7 +92,7 @@ def _read_stl(path: Path) -> Measured:
 
 
 def _joined(triangles: Triangles) -> Triangles:
-    """The same triangles, which share the vertices that are at equal positions: these are measured faster."""
+    """The triangles with one vertex for all that are at equal positions: they are measured faster."""
     positions, vertices = np.unique(triangles.positions, axis=0, return_inverse=True)
     return Triangles(positions, vertices.ravel()[triangles.corners], triangles.faces)
 
@@ -141,7 +141,7 @@ def _matched(found: list[Measured], written: Mapping[str, int]) -> list[Measured
 
 
 def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSettings) -> MeshDeviation:
-    """How far a part of a file is from the surface it stands for, as near as it takes to tell whether it is within the
+    """The distances of a part of a file from its surface, as near as it takes to tell whether it is within the
     tolerance. Raises CommandError where it cannot be measured."""
     try:
         [answer] = measure(replace(target, measured=[part]), settings, no_report, is_tolerance_enough=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How long work tells its caller how far it is, and is stopped."""
+"""The way in which long work reports its progress to its caller, and is stopped."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class ValueType:
-    """How a type of attribute is read and written in bulk, its default, and the steps in which values are stored."""
+    """A type of attribute: its bulk access, its default, and the steps in which values are stored."""
 
     value: str
     dtype: type
@@ -57,7 +57,7 @@ def read_values(items: Any, name: str, dtype: type, width: int = 1) -> NDArray[A
 
 
 def read_built_in(attributes: Any, name: str, value: str, dtype: type, width: int = 1) -> NDArray[Any]:
-    """The same for a built-in attribute, which a mesh without vertices, edges or corners need not have."""
+    """The values of a built-in attribute, which a mesh without vertices, edges or corners need not have."""
     return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
 
 

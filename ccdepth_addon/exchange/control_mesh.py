@@ -41,7 +41,7 @@ class ControlMeshError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class ControlTopology:
-    """What control meshes have in common whose vertices alone are at other places.
+    """The common part of control meshes that differ in the places of their vertices alone.
 
     arrays: one of these meshes, in object space; its sharpness is that of its creases alone. rule: of its surface.
     base_faces: (F,) intp, the face of the object's own mesh that each face comes from, ``NO_ORIGIN`` for none; None
@@ -95,19 +95,20 @@ class ControlMesh:
         return blake2b(self.topology.key + self.positions.tobytes()).digest()
 
     def with_known_arrays(self, known: dict[bytes, Any]) -> ControlMesh:
-        """The same with the arrays that are known, by their checksums; its others are known then."""
+        """The control mesh with the arrays that are known, by their checksums; its other arrays are known then."""
         topology = known.setdefault(self.topology.key, self.topology)
         positions = known.setdefault(blake2b(self.positions.tobytes()).digest(), self.positions)
         return replace(self, topology=topology, positions=positions)
 
     @property
     def base_faces(self) -> IndexArray | None:
-        """As of ``ControlTopology``."""
+        """The base faces, as of ``ControlTopology``."""
         return self.topology.base_faces
 
     @property
     def mesh(self) -> PolygonMesh:
-        """In object space, with its sharpness explicit; made anew each time, but for what depends on faces alone."""
+        """The mesh in object space, with its sharpness explicit; made anew each time, but for what depends on faces
+        alone."""
         return self.topology.mesh.changed(positions=self.positions.astype(np.float64))
 
     @property
@@ -131,18 +132,18 @@ class ControlMesh:
         return self.topology.arrays.face_count
 
     def faces_at(self, level: int) -> int:
-        """How many faces there are when all of it is subdivided so many times."""
+        """The number of faces with all of the mesh subdivided a number of times."""
         return self.face_count if level == 0 else self.topology.arrays.corner_count * 4 ** (level - 1)
 
     def unturned(self) -> ControlMesh:
-        """The same with all lengths as they are, as if the object were not turned."""
+        """The control mesh as if the object were not turned, with all lengths as they are."""
         if not np.isfinite(self.world).all():
             return self
         _, stretches, right = np.linalg.svd(self.world)
         return replace(self, world=right.T * stretches @ right)
 
     def thickened(self) -> ControlMesh:
-        """The same, with a scale of at least ``LEAST_STRETCH`` of the largest along every direction.
+        """The control mesh with a scale of at least ``LEAST_STRETCH`` of the largest along every direction.
 
         No distance becomes shorter, and the matrix becomes invertible.
         """

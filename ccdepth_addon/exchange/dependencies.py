@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a result depends on beside the mesh: the object's scale, its modifiers, and what those refer to.
+"""The dependencies of a result beside the mesh: the object's scale, its modifiers, and the data these refer to.
 
 Modifiers are described by all their RNA properties, whatever their type and Blender's version: nothing is left out by
 its name alone, but for how Blender displays every modifier and every node. Nothing is evaluated: animated and driven
@@ -152,7 +152,7 @@ def _read(holder: bpy.types.bpy_struct, name: str) -> Any:
 
 @dataclass(frozen=True)
 class _Describer:
-    """Everything an object depends on, as text."""
+    """A description of everything an object depends on, as text."""
 
     viewer: bpy.types.Object
     known: KnownDescriptions

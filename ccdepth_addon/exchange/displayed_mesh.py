@@ -31,7 +31,7 @@ class Triangles:
 
 @dataclass(frozen=True)
 class ShownMesh:
-    """What an object shows. triangles: in object space. linear, location: (3, 3), (3,) float64, of its matrix."""
+    """The mesh an object shows. triangles: in object space. linear, location: (3, 3), (3,) float64, of its matrix."""
 
     triangles: Triangles
     linear: FloatArray
@@ -62,7 +62,7 @@ def shown_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier
 
 
 def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object) -> ShownMesh:
-    """What the object shows now; in Edit Mode, of the mesh as it is being edited.
+    """The mesh that the object shows now; in Edit Mode, as it is being edited.
 
     Nothing of the file is changed. Raises ControlMeshError when a simulation makes it, and InvalidMeshError when there
     are no faces, or vertices at no finite position.
@@ -122,7 +122,7 @@ class DisplayedMesh:
 def read_displayed_mesh(
     mesh: bpy.types.Mesh, kind: AttributeKind, *, with_hidden: bool, with_chosen: bool
 ) -> DisplayedMesh | None:
-    """What a viewport draws of an evaluated mesh; None where it has no such values.
+    """The faces and values that a viewport draws of an evaluated mesh; None where it has no such values.
 
     with_hidden: whether hidden faces are drawn as well, as they are in Object Mode. with_chosen: whether selected ones
     are told apart.

@@ -112,8 +112,8 @@ class Evaluated:
         return self._meshes[uid]
 
     def made(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
-        """What the modifiers have made, as a mesh that lasts as long as the copies do, and the face of the object's own
-        mesh that each face comes from.
+        """The mesh made by the modifiers, which lasts as long as the copies do, and the face of the object's own mesh
+        that each face comes from.
 
         Unlike what Blender evaluates for itself, it has the last levels that the graphics card makes in the viewport.
         """
@@ -128,7 +128,7 @@ class Evaluated:
         return copy.made, copy.origins_on(copy.made)
 
     def without_origins(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
-        """The same mesh, with the user's attributes alone."""
+        """The mesh with the user's attributes alone."""
         mesh, _ = self.made(blender_object)
         origins = mesh.attributes.get(self._copies[blender_object.session_uid].origins)
         if origins is not None:

@@ -185,7 +185,7 @@ def _beside(chains: Iterable[list[Any]]) -> dict[Any, list[Any]]:
 
 
 def _apart(vertices: list[Any]) -> tuple[list[Any], list[Any]]:
-    """Those of the vertices no two of which share an edge, and the others."""
+    """The vertices no two of which share an edge, and the others."""
     chosen, others = [], []
     taken: set[Any] = set()
     for vertex in vertices:

@@ -40,7 +40,7 @@ def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
 
 
 def mesh_face_count(mesh: bpy.types.Mesh) -> int:
-    """How many faces a mesh has; in Edit Mode those being edited."""
+    """The number of faces of a mesh; in Edit Mode, of the mesh being edited."""
     if not mesh.is_editmode:
         return len(mesh.polygons)
     import bmesh

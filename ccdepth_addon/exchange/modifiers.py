@@ -89,7 +89,7 @@ def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) 
 
 
 def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
-    """Those of the applied modifiers that make the base mesh: all but the Subdivision Surface modifier."""
+    """The applied modifiers that make the base mesh: all but the Subdivision Surface modifier."""
     subdivision = subdivision_modifier(blender_object)
     return [m for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
 

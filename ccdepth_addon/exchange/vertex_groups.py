@@ -66,7 +66,7 @@ def write_groups(
 
 
 def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-    """For every weight of a mesh its vertex, its group and its value."""
+    """The vertex, the group and the value of every weight of a mesh."""
     rows = [(vertex.index, entry.group, entry.weight) for vertex in base.vertices for entry in vertex.groups]
     table = np.array(rows, dtype=np.float64).reshape(-1, 3)
     return table[:, 0].astype(np.intp), table[:, 1].astype(np.intp), table[:, 2]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Apply Adaptive Subdivision, Update Result and Count Faces have in common."""
+"""The common base of Apply Adaptive Subdivision, Update Result and Count Faces."""
 
 from functools import partial
 
@@ -45,7 +45,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         return selected_meshes(context)
 
     def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
-        """What the object's result is made from."""
+        """The object that the object's result is made from."""
         return blender_object
 
     def fault(self, blender_object: bpy.types.Object) -> str | None:
@@ -91,7 +91,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         return super().fault(blender_object)
 
     def progress_text(self, progress: float) -> str:
-        """How many faces there are so far."""
+        """The number of faces so far, as text."""
         if self._counted is None:
             return f"Subdividing: {progress:,.0f} faces so far"
         return f"Subdividing: {progress:,.0f} of {self._counted:,} faces"
@@ -114,7 +114,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
 
 
 def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
-    """What happens to shape keys that a user would not expect."""
+    """Notes on shape keys, where what happens to them would surprise a user."""
     source = bpy.data.objects[task.targets[0].source]
     keys = source.data.shape_keys
     if keys is None:

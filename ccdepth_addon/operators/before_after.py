@@ -49,13 +49,13 @@ def _to_hide(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def _left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Where no mesh is selected, the hidden results whose sources were deleted."""
+    """The hidden results of deleted sources, where no mesh is selected."""
     return [] if selected_meshes(context) else result_record.left_hidden(context)
 
 
 def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
-    """What a result came from; of any other object, the results that are still in a scene. Raises ComputeError where
-    there is nothing any more."""
+    """The source of a result; of any other object, the results that are still in a scene. Raises ComputeError where
+    nothing is left."""
     if not result_record.is_result(blender_object):
         results = [each for each in result_record.results_of(blender_object) if each.users_scene]
         if not results:

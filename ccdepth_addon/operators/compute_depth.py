@@ -77,7 +77,7 @@ def _mesh_still_there(answer: MeshDepths) -> bpy.types.Mesh:
 
 
 def _modifier_notes(answer: MeshDepths) -> list[str]:
-    """What modifiers do to faces that the depths on the mesh cannot show."""
+    """Notes on modifiers whose faces the depths on the mesh cannot show."""
     notes = []
     if answer.added_faces:
         faces = count_text(answer.added_faces, "face", "faces")
@@ -91,7 +91,7 @@ def _modifier_notes(answer: MeshDepths) -> list[str]:
 
 
 def _quality_notes(answer: MeshDepths) -> list[str]:
-    """Which Subdivision Surface modifiers have a Quality that is too low for Use Limit Surface at their levels."""
+    """The Subdivision Surface modifiers with a Quality too low for Use Limit Surface at their levels."""
     notes = []
     surfaces: dict[str, list[Surface]] = {}
     for request in answer.task.requests:

@@ -19,7 +19,7 @@ class CountingOperator(AdaptiveOperator):
     """An operator that says what adaptive meshes would be like, and makes none."""
 
     def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
-        """Of a result, what Update Result would make it from."""
+        """The source that Update Result would make a result from."""
         return result_record.control_object(blender_object)
 
     def fault(self, blender_object: bpy.types.Object) -> str | None:

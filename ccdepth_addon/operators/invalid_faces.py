@@ -84,7 +84,8 @@ def _invalid_faces(context: bpy.types.Context) -> dict[bpy.types.Mesh, IndexArra
 
 
 def _own_faces_at_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> IndexArray:
-    """Of the object's own mesh. Raises InvalidMeshError when those at fault are of modifiers alone, or none is."""
+    """The invalid faces of the object's own mesh. Raises InvalidMeshError when those at fault are of modifiers alone,
+    or none is."""
     control = read_control_mesh(context, blender_object, use_modifiers=context.scene.ccdepth.use_modifiers)
     try:
         validate(control.mesh)

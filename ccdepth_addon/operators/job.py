@@ -48,7 +48,7 @@ class Job(Generic[Answer]):
 
     @property
     def text(self) -> str | None:
-        """What it is about to do, or how far the work is."""
+        """The next step in words, or the progress of the work."""
         return self._step.text(self._progress) if isinstance(self._step, Work) else self._step
 
     @property

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""What operators that compute something with a tolerance share: their settings, and runs that leave the window free."""
+"""The common base of operators with a tolerance: their settings, and runs that leave the window free."""
 
 from __future__ import annotations
 

@@ -215,7 +215,7 @@ def _place_beside(
 
 
 def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bool) -> None:
-    """Those that get a result are not hidden."""
+    """Show the objects that get a result again."""
     original.hide_render = render_hidden
     original.hide_set(False)
     original.select_set(selected)

@@ -40,7 +40,7 @@ class MeshOperator(bpy.types.Operator):
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
-        """What it cannot work without, if that is missing; asked for where meshes are selected."""
+        """The missing thing that the operator cannot work without, if any; asked for where meshes are selected."""
         return None
 
     @classmethod

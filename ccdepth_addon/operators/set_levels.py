@@ -86,7 +86,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
 
 
 def _way_out(blender_object: bpy.types.Object, deep: results.TooDeep, settings: bpy.types.PropertyGroup) -> str:
-    """Which faces are the cause, and what divides the others less."""
+    """A hint at the faces that are the cause, and at the operator that divides the others less."""
     if not deep.faces_beyond:
         return ""
     cause = count_text(deep.faces_beyond, "face needs", "faces need")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known while a session lasts, and is in no file: the diagonals that relative tolerances are parts of, how many
-faces adaptive meshes would have, what the last run refused, and which selections are shown.
+"""The facts of a session, which are in no file: the diagonals that relative tolerances are parts of, how many faces
+adaptive meshes would have, what the last run refused, and which selections are shown.
 
 The interface asks for what is known, and computes nothing while it is drawn. Diagonals that it asked for, and those
 that have changed since, are measured when nothing has happened for a while, where that takes no time; the others are

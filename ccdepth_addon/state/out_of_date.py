@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which results no longer hold, and which adaptive objects have sources that have changed. What was touched is examined
+"""The results that no longer hold, and the adaptive objects with changed sources. What was touched is examined
 when nothing has happened for a while, and the answer is kept until it is touched again. Operators that rely on a result
 examine it themselves, by the same function.
 
@@ -62,7 +62,7 @@ def is_uncovered(blender_object: bpy.types.Object) -> bool:
 
 
 def change_since_measured(mesh: bpy.types.Mesh) -> str:
-    """What has changed since the measurement on the mesh was made, as far as examined; empty where it holds."""
+    """The changes since the measurement on the mesh was made, as far as examined; empty where it holds."""
     return _changes.get(mesh.session_uid, "")
 
 

@@ -94,7 +94,7 @@ def left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def made_with(holder: Any, tolerance: float) -> dict[str, Any]:
-    """This tolerance as typed, and the other settings that an operator, a scene or a record holds, by their names."""
+    """The tolerance as typed, and the other settings that an operator, a scene or a record holds, by their names."""
     return {"tolerance": shortest_decimal(tolerance), **{name: getattr(holder, name) for name in SETTINGS}}
 
 

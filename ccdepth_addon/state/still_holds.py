@@ -145,8 +145,8 @@ def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -
 
 
 def measured_object(holder: bpy.types.Object) -> bpy.types.Object:
-    """Of the objects that use the holder's mesh, the one that its measurement is of: by its name, or the holder itself
-    where that was renamed."""
+    """The measured one among the objects that use the holder's mesh: by its name, or the holder itself where that was
+    renamed."""
     named = bpy.data.objects.get(holder.data.ccdepth.measurement.measured)
     return holder if named is None or named.data != holder.data else named
 

@@ -32,7 +32,7 @@ DIGITS = 3
 
 @dataclass(frozen=True)
 class FaceCount:
-    """How many faces a result would have; or about how many all results together, if they are too many."""
+    """The number of faces of a result; or about that of all results together, if they are too many."""
 
     faces: int
     are_too_many: bool = False
@@ -84,7 +84,7 @@ def subdivide(
 def count_results(
     tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
 ) -> list[FaceCount]:
-    """How many faces every mesh would have. progress: as of ``subdivide``."""
+    """The number of faces of every mesh. progress: as of ``subdivide``."""
     counts: list[int] = []
     for task in tasks:
         request = task.request(settings, task.surface.tolerance, settings.max_faces)
@@ -103,7 +103,7 @@ def _after(faces: int, progress: Progress) -> Progress:
 
 
 def _unit(task: AdaptiveTask, settings: AdaptiveSettings) -> float:
-    """What a tolerance of 1, as it is typed, means for a task: a length in the scene."""
+    """The length in the scene of a tolerance of 1, as it is typed, for a task."""
     return task.surface.tolerance / settings.tolerance
 
 
@@ -145,7 +145,7 @@ def _never_fit(tasks: list[AdaptiveTask], most_faces: int) -> bool:
 
 
 def _next_guess(best: Fit, too_fine: float, most_faces: int) -> float:
-    """Where to go on between a tolerance that fits and one, or 0, that is too fine."""
+    """The next tolerance to try between one that fits and one, or 0, that is too fine."""
     faces = sum(best.counts)
     # Where most is flat, there are as many more faces as the tolerance is finer.
     finer = min(most_faces / max(faces, 1), LARGEST_STEP) if faces >= FEWEST_TO_EXTRAPOLATE else LARGEST_STEP
@@ -158,7 +158,7 @@ def _next_guess(best: Fit, too_fine: float, most_faces: int) -> float:
 def _counts_with(
     tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int, progress: Progress
 ) -> list[int] | None:
-    """How many faces each result would have with another tolerance, as it is typed; None when they are too many."""
+    """The number of faces of each result with another tolerance, as it is typed; None when they are too many."""
     counts: list[int] = []
     for task in tasks:
         request = task.request(settings, tolerance * _unit(task, settings), most_faces - sum(counts))

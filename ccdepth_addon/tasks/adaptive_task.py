@@ -53,8 +53,8 @@ class AdaptiveSettings(SurfaceSettings):
 
 
 class Target(NamedTuple):
-    """Who gets a result. user: the name of its object. source: that of the object it is made from, with its library;
-    the same object, unless results are made anew. tolerance: where it holds, a length in the scene."""
+    """The object that gets a result. user: the name of its object. source: that of the object it is made from, with its
+    library; the same object, unless results are made anew. tolerance: where it holds, a length in the scene."""
 
     user: str
     source: tuple[str, str | None]
@@ -78,7 +78,7 @@ class AdaptiveTask:
 
     @property
     def object_names(self) -> list[str]:
-        """Of the objects that get it."""
+        """The names of the objects that get the result."""
         return [target.user for target in self.targets]
 
     @property
@@ -117,7 +117,7 @@ class AdaptiveResult:
 
     @property
     def uniform_faces(self) -> int:
-        """How many faces the control mesh has when all of it is subdivided to the deepest depth."""
+        """The number of faces of the control mesh with all of it subdivided to the deepest depth."""
         return self.task.surface.control.faces_at(int(self.adaptive.depths.max(initial=0)))
 
 
@@ -176,7 +176,7 @@ def _read_tasks(
     shared: SharedMeshes,
     copies: Evaluated,
 ) -> list[AdaptiveTask]:
-    """What to make of an object, for each of those that get it."""
+    """The tasks of an object, one for each object that gets the result."""
     use_modifiers = settings.use_modifiers
     base, control = base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies)
     steps = _mixing_steps(base.shape_keys)
@@ -192,7 +192,7 @@ def _task(
     largest: FloatArray,
     steps: float,
 ) -> AdaptiveTask:
-    """What to make of an object for the one that gets it. largest: (3,) the largest coordinates; steps: how many times
+    """The task of an object for one that gets the result. largest: (3,) the largest coordinates; steps: how many times
     each is rounded."""
     if user != blender_object:
         control = replace(control, world=np.array(user.matrix_world, dtype=np.float64)[:3, :3])
@@ -234,7 +234,7 @@ def _largest_coordinates(control: ControlMesh, keys: bpy.types.Key | None) -> Fl
 
 
 def _mixing_steps(keys: bpy.types.Key | None) -> float:
-    """How many times the largest coordinate is rounded, at most, on the way from exact positions to those shown.
+    """The largest number of roundings of the largest coordinate on the way from exact positions to the shown ones.
 
     Once, where they are stored. With shape keys, Blender adds v(k − r) to the mix for each key k, its value v and what
     it is relative to, r: it rounds k, r, their difference twice as large, and the product, all times |v|, and then the

@@ -61,7 +61,7 @@ class DepthSettings(SurfaceSettings):
 
 @dataclass(frozen=True)
 class MeshTask:
-    """What to compute for one mesh. It keeps no reference to Blender's data, which may move while it runs.
+    """The computation for one mesh. It keeps no reference to Blender's data, which may move while it runs.
 
     geometry: the checksum of the mesh, and states: what its objects were like, as they were read. read: the surfaces of
     the objects, on each frame; groups: those that no other dominates, once it is decided.
@@ -77,12 +77,12 @@ class MeshTask:
 
     @property
     def requests(self) -> list[DepthRequest]:
-        """What is computed: of all groups."""
+        """The requests of all groups."""
         return [request for group in self.groups for request in group.requests]
 
     @property
     def work(self) -> int:
-        """How many faces there are to compute."""
+        """The number of faces to compute."""
         return sum(group.work for group in self.groups)
 
     def largest(self, found: Iterable[PoseDepths]) -> NDArray[np.int32]:
@@ -96,7 +96,7 @@ class MeshTask:
 
 @dataclass(frozen=True)
 class DepthWork:
-    """What was read, and with which settings to compute. tasks: by the session identifiers of the meshes. faults: the
+    """The data read, and the settings to compute with. tasks: by the session identifiers of the meshes. faults: the
     objects at fault so far. arrays: those of control meshes over frames, by object."""
 
     settings: DepthSettings
@@ -284,7 +284,7 @@ def _worst_frame(groups: list[PoseGroup], own: list[PoseDepths], progress: Progr
 
 
 def _answer(task: MeshTask, found: list[PoseDepths], level: int, worst_frame: int | None) -> MeshDepths:
-    """What was found for the groups, for the faces of the mesh."""
+    """The findings for the groups, for the faces of the mesh."""
     bounds, exact = np.zeros(task.face_count), np.zeros(task.face_count, dtype=bool)
     present = np.zeros(task.face_count, dtype=bool)
     added: dict[str, int] = {}

@@ -41,7 +41,7 @@ def typed_frames(text: str) -> tuple[int, ...]:
 
 
 def chosen_frames(scene: bpy.types.Scene, choice: str, frame_list: str) -> str:
-    """What is chosen, as it would be typed; empty for the current frame.
+    """The chosen frames, as they would be typed; empty for the current frame.
 
     choice: CURRENT, SCENE for the scene's range, or CUSTOM for the frames in frame_list.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which surfaces of a mesh are measured, in groups that are poses of one control mesh."""
+"""The surfaces of a mesh that are measured, in groups of poses of one control mesh."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class PoseGroup:
 
     @property
     def work(self) -> int:
-        """How many faces there are to compute."""
+        """The number of faces to compute."""
         return len(self.requests) * self.control.face_count
 
     @cached_property
@@ -73,7 +73,7 @@ class PoseGroup:
         return lambda: (control if len(self.requests) == 1 else control.unturned()).in_world
 
     def raised(self, found: PoseDepths, depths: NDArray[np.int32], progress: Progress) -> PoseDepths:
-        """What was found, for no lesser depths than those of the faces of the mesh: (faces of the mesh,) int32."""
+        """The findings for no lesser depths than those of the faces of the mesh: (faces of the mesh,) int32."""
         faces, known = self.origins
         floors = found.depths.copy()
         floors[known] = depths[faces]
@@ -81,8 +81,8 @@ class PoseGroup:
 
 
 def pose_groups(requests: list[DepthRequest], method: str) -> Iterator[PoseGroup]:
-    """What is measured of the requests of one mesh, in groups whose control meshes are poses of one, with the same kind
-    of vertices, in the order of their frames."""
+    """The requests of one mesh in groups whose control meshes are poses of one, with the same kind of vertices, in the
+    order of their frames."""
     for group in _grouped(_kept(requests), lambda request: (request.vertices, id(request.surface.control.topology))):
         yield PoseGroup(sorted(group, key=lambda request: request.frame or 0), method)
 

@@ -53,7 +53,7 @@ def depths_of_faces(answer: AdaptiveResult, mesh: AdaptiveMesh) -> NDArray[np.in
 
 
 def triangle_count(answer: AdaptiveResult) -> int:
-    """How many triangles its faces are."""
+    """The number of triangles of its faces."""
     mesh = answer.adaptive.mesh
     return len(mesh.corner_vertices) - 2 * len(mesh.base_faces)
 

@@ -27,7 +27,7 @@ TOO_LARGE = "The tolerance is too large a number"
 
 
 class ComputeError(ValueError):
-    """Nothing can be computed; the message names every object at fault in a modeller's words.
+    """A computation that is impossible; the message names every object at fault in a modeller's words.
 
     faces_at_fault: the objects, by name, that have faces without which there is no fault, and how many these are.
     """
@@ -143,7 +143,7 @@ def surface_of(object_name: str, control: ControlMesh, settings: SurfaceSettings
 # Meshes without extent or with positions that are not finite are refused later.
 @np.errstate(all="ignore")
 def surfaces_covering_others(surfaces: Sequence[Surface]) -> dict[int, list[int]]:
-    """Which surfaces of one control mesh no other dominates, each with those it dominates, as indices.
+    """The surfaces of one control mesh that no other dominates, each with the surfaces it dominates, as indices.
 
     A surface dominates another if its object makes every vector at least as long, in units of the tolerance.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How leaves are drawn, by which of their sides are split, and what that seems to miss.
+"""The triangles or polygons that leaves are drawn as, by their split sides, and the distances these seem to miss.
 
 Of a quad's surface the corners, the middles of the sides and the centre are looked at, of another face's its middles
 and centre. What is missed there across a leaf's plane is less than the distance, so a leaf that misses more than the
@@ -59,7 +59,7 @@ class LeafApproximation:
 
     @staticmethod
     def none(count: int) -> LeafApproximation:
-        """Nothing accepted."""
+        """An approximation with nothing accepted."""
         accepted, folded = np.zeros((2, count), dtype=bool)
         patterns, alternatives = np.zeros((2, count), dtype=np.int8)
         thickness, along_u, along_v = np.zeros((3, count))

@@ -243,7 +243,7 @@ def _over_quarters(
 
 
 def _joined(tiles: Iterator[DrawnTiles]) -> Iterator[DrawnTiles]:
-    """Those with as many points each together, those that are bicubic first."""
+    """Tiles with as many points each together, bicubic ones first."""
 
     def kind(each: DrawnTiles) -> tuple[bool, int]:
         return not each.tiles.are_bicubic, len(each.tiles.points)

@@ -88,7 +88,7 @@ class LeafTriangles:
         return found
 
     def joined(self, plan: Plan) -> Triangles:
-        """The same triangles with the mean normals as vectors at the vertices."""
+        """The triangles with the mean normals as vectors at the vertices."""
         corners = self.corners(plan)
         nothing = np.zeros(len(corners), dtype=bool)
         return Triangles.joined(corners, self.vertices, *_neighbours(self.vertices, len(self.used)), nothing)

@@ -90,8 +90,8 @@ class NodeSurfaces:
                 self._put_block(children[rest], refinement.keep(rest).numbered())
 
     def refinements(self, nodes: IndexArray) -> Iterator[tuple[IndexArray, Refinement]]:
-        """Those of nodes (n,) that are not bicubic, all of them quads or none: indices of some, and a refinement whose
-        descendants they are."""
+        """The nodes of some (n,) that are not bicubic, all of them quads or none: indices of some, and a refinement
+        whose descendants they are."""
         places = np.argsort(nodes, kind="stable")
         found = [
             (block.nodes[wanted], block.refinement.keep(wanted).numbered()) for wanted, block in self._wanted(nodes)

@@ -192,7 +192,7 @@ def _inner_triangles_turn_left(
 
 
 def _is_folded_from_middle(facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray) -> BoolArray:
-    """Which triangles with one bent side Blender might cut along the diagonal that does not start at its middle."""
+    """The triangles with one bent side that Blender might cut along the diagonal that does not start at its middle."""
     found = np.zeros(len(starts), dtype=bool)
     for side in range(3):
         own, after, before = starts + side, starts + (side + 1) % 3, starts + (side + 2) % 3

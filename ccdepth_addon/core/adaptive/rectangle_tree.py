@@ -192,7 +192,7 @@ class RectangleTree:
         return COMPLEX_SIDES[turns] * along, COMPLEX_SIDES[(turns + 1) % 4] * across
 
     def _surface_points(self, corners: IndexArray, parameters: NDArray[np.complex128]) -> SurfacePoints:
-        """From parameters in frames to those in quarters."""
+        """The parameters in quarters, from parameters in frames."""
         corners, parameters = corners.astype(np.intp), parameters.copy()
         faces = self.mesh.corner_faces[corners]
         of_quads = np.flatnonzero((corners != NONE) & (self.mesh.face_sizes[faces] == 4))
@@ -446,5 +446,5 @@ class RectangleTree:
 
 
 def _numbers(values: IndexArray | int, shape: int | tuple[int, int]) -> NDArray[np.int32]:
-    """In the tree's dtype."""
+    """Numbers in the tree's dtype."""
     return np.full(shape, values, dtype=np.int32)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is asked of an adaptive mesh."""
+"""The request for an adaptive mesh."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .templates import Transitions
 
 
 class Mode(StrEnum):
-    """How the faces of the control mesh are divided."""
+    """The way in which faces of the control mesh are divided."""
 
     ADAPTIVE = "ADAPTIVE"
     PER_FACE = "PER_FACE"
@@ -21,7 +21,8 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True)
 class AdaptiveRequest:
-    """How to subdivide a control mesh. limit: the largest distance, in the unit of its positions, rounding subtracted.
+    """The way to subdivide a control mesh. limit: the largest distance, in the unit of its positions, rounding
+    subtracted.
 
     most_faces: a larger result is refused. axes: (3, 3) float64, its columns the axes of the space where Blender
     triangulates the result, in coordinates of the positions. largest_coordinate: of the control mesh in that space.

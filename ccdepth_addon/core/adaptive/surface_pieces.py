@@ -100,9 +100,9 @@ def half_keys(are_before: bool, are_split: BoolArray) -> IndexArray:
 
 @dataclass(frozen=True)
 class _Region:
-    """What one triangle is drawn for. region: (4, 3), weights of the region's corners as functions of 1, u, v and uv;
-    drawn: (4, 3), those of the triangle's corners. corners: (3, 2), of the region in its quad; none where it is a
-    quarter."""
+    """The region that one triangle is drawn for. region: (4, 3), weights of the region's corners as functions of 1, u,
+    v and uv; drawn: (4, 3), those of the triangle's corners. corners: (3, 2), of the region in its quad; none where it
+    is a quarter."""
 
     region: FloatArray
     drawn: FloatArray

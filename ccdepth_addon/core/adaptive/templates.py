@@ -20,7 +20,7 @@ Template = tuple[Triangle, ...]
 
 
 class Transitions(StrEnum):
-    """How a face beside finer ones is tessellated: by the triangles of its template, or as one polygon."""
+    """The tessellation of a face beside finer ones: by the triangles of its template, or as one polygon."""
 
     TRIANGLES = "TRIANGLES"
     NGONS = "NGONS"

@@ -173,7 +173,7 @@ class _CutMesh:
         return cut
 
     def _with_edges(self, corner_uvs: IndexArray, positions: FloatArray, ends: IndexArray) -> PolygonMesh:
-        """Whole edges keep their number; the parts of cut ones come after them."""
+        """Number edges: whole ones keep their number, and the parts of cut ones come after them."""
         base = self.base
         cut_corners = np.flatnonzero(self.edge_is_cut[base.corner_edges])
         corner_edges = base.corner_edges.copy()

@@ -32,14 +32,14 @@ GRID_PLACES = np.arange(-1.0, 3.0)
 
 
 class Vertices(StrEnum):
-    """Where the vertices of the subdivided mesh lie."""
+    """The places of the vertices of the subdivided mesh."""
 
     CONTROL = "CONTROL"
     LIMIT = "LIMIT"
 
 
 class Method(StrEnum):
-    """How the distance is bounded."""
+    """The way in which the distance is bounded."""
 
     DISTANCE = "DISTANCE"
     CERTIFIED = "CERTIFIED"

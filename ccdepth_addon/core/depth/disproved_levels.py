@@ -106,8 +106,8 @@ class DisprovedLevels:
         return found[faces]
 
     def _disproved_at_middle(self, level: int, faces: IndexArray) -> IndexArray:
-        """Those of some regular faces of which points near the middle, or near that of the most curved part, disprove
-        every level before this one."""
+        """The faces, of some regular ones, of which points near the middle, or near that of the most curved part,
+        disprove every level before this one."""
         nets, of_parts = regular_nets(self.mesh, faces), np.zeros(len(faces), dtype=bool)
         for lesser in range(level - 1, -1, -1):
             is_far = self._are_far_at_middle(nets, faces, lesser, lesser)
@@ -144,7 +144,7 @@ class DisprovedLevels:
         return self.test.exceeds(middle_distances(nets, rates, levels, self._shown(level)))
 
     def _disproved(self, level: int, faces: IndexArray) -> IndexArray:
-        """Those of some faces that one of their points disproves."""
+        """The faces, of some, that one of their points disproves."""
         points, bases = self._samples(level, faces)
         return np.unique(faces[bases[self._are_far(level, points)]])
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is proved of one level of some base faces while their parts are evaluated."""
+"""The proof of one level of some base faces while their parts are evaluated."""
 
 from __future__ import annotations
 

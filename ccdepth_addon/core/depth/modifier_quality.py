@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Blender's Subdivision Surface modifier shows with Use Limit Surface, and the Quality at which it is exact.
+"""The vertices of Blender's Subdivision Surface modifier with Use Limit Surface, and the Quality at which they are
+exact.
 
 The modifier evaluates patches that OpenSubdiv isolates to *Quality* levels (docs/methods.md, What Blender shows): cells
 that are regular at an earlier level are exact bicubic patches; the patches of the last level meet the surface at their

@@ -83,7 +83,7 @@ def raised_depths(
     floors: NDArray[np.int32],
     progress: Progress = no_report,
 ) -> PoseDepths:
-    """What ``pose_depths`` found with the same arguments, for no lesser depths than the floors (F,) int32."""
+    """The findings of ``pose_depths`` with the same arguments, for no lesser depths than the floors (F,) int32."""
     lower = np.flatnonzero(floors > found.depths)
     if not len(lower):
         return found
@@ -119,8 +119,8 @@ def _prove(
 def _raised(
     pose: Pose, method: Method, vertices: Vertices, found: PoseDepths, faces: IndexArray, tick: Callable[[], None]
 ) -> IndexArray:
-    """Those of some faces that are not proved at their depths in a pose, which are raised; what is found of the others
-    is recorded."""
+    """The faces, of some, that are not proved at their depths in a pose and are raised; the bounds of the others are
+    recorded."""
     mesh = pose.make()
     test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     parts = [faces[:0]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which of several poses of a mesh is the worst."""
+"""The worst of several poses of a mesh."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far any mesh is from the limit surface of a control mesh, both ways."""
+"""The distance of any mesh from the limit surface of a control mesh, both ways."""
 
 from .measure import Deviation, measure_deviation
 

@@ -121,7 +121,7 @@ def overlapping(first: BoxTree, second: BoxTree) -> tuple[IndexArray, IndexArray
 def _meet(
     low_a: FloatArray, high_a: FloatArray, low_b: FloatArray, high_b: FloatArray, a: IndexArray, b: IndexArray
 ) -> IndexArray:
-    """Which of the pairs of boxes overlap, one axis after the other."""
+    """The pairs of boxes that overlap, one axis after the other."""
     left = np.arange(len(a))
     for axis in range(3):
         at_a, at_b = a[left], b[left]

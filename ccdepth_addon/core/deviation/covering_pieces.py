@@ -117,8 +117,8 @@ class Over:
 
 @dataclass(frozen=True)
 class Covering:
-    """What lies over n regions. has_partners: (n,) bool, whether units meet others at all edges over the region but the
-    border's. border: (b,) intp twice, which of the leaves and which of its sides is border over the region."""
+    """The leaves over n regions. has_partners: (n,) bool, whether units meet others at all edges over the region but
+    the border's. border: (b,) intp twice, which of the leaves and which of its sides is border over the region."""
 
     over: Over
     has_partners: BoolArray
@@ -171,8 +171,8 @@ def over_pieces(
 
 
 def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin: float) -> Covering | None:
-    """What lies over the regions of the units (n,) where looking begins, of those that meet them there, and so on. None
-    as in ``over_pieces``."""
+    """The leaves over the regions of the units (n,) where looking begins, of those that meet them there, and so on.
+    None as in ``over_pieces``."""
     plane, offsets, _, _ = plane_functionals(regions.normals, regions.corners, regions.directions)
     functionals = np.concatenate([regions.sides.inward, plane[None], regions.axes])
     constants = np.concatenate([regions.sides.offsets, offsets[None], -products(regions.axes, regions.places)])
@@ -241,7 +241,7 @@ def _may_overlap(over: Over, outline: FloatArray, margin: float) -> BoolArray:
 def _unit_sides_over(
     pieces: BezierPieces, over: Over, outline: FloatArray, margin: float
 ) -> tuple[IndexArray, IndexArray]:
-    """Which of these leaves, and which of their sides, may be part of a unit's edge over the region."""
+    """The leaves, of some, and their sides that may be part of a unit's edge over the region."""
     rows, which = np.nonzero(pieces.sides[over.leaves] != NONE)
     excess = over.excess[rows] + margin
     along = over.inside[:, SIDES[which].T, rows]
@@ -292,7 +292,7 @@ def _heights(
 def _moved_inwards(
     regions: Regions, covering: Covering, chosen: IndexArray, goals: FloatArray, margin: float
 ) -> tuple[IndexArray, Regions]:
-    """Which of the chosen regions need to be moved by less than the goals to lie inside the border, and these moved."""
+    """The chosen regions that need to be moved by less than the goals to lie inside the border, and these moved."""
     over, (rows, sides) = covering.over, covering.border
     owners, count = over.owners[rows], len(goals)
     points = over.across[:, SIDES[sides].T, rows]
@@ -327,7 +327,7 @@ def _is_beyond_border(regions: Regions, covering: Covering, margin: float) -> Bo
 def _leaves_over(
     pieces: BezierPieces, sides: SideViews, owners: IndexArray, nodes: IndexArray, margin: float
 ) -> tuple[IndexArray, IndexArray]:
-    """Which leaves of these units may lie over which parts: units are the first pieces, and parents hold their
+    """The leaves of units that may lie over parts, and the parts: units are the first pieces, and parents hold their
     children."""
     found = []
     while len(owners):

@@ -113,7 +113,7 @@ def over_triangles(
 
 
 def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: float) -> tuple[list[Under], BoolArray]:
-    """What lies under the pieces of the triangles (n,) where looking begins, and of those beyond sides that may lie
+    """The triangles under the pieces of the triangles (n,) where looking begins, and of those beyond sides that may lie
     under them too, and so on; (n,) bool, whether there is always one triangle beyond."""
     keys = np.arange(len(first)) * mesh.count + first
     known, found = keys, []
@@ -135,7 +135,7 @@ def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: flo
 
 
 def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, margin: float) -> Under:
-    """Those of the triangles that may lie under their pieces."""
+    """The triangles that may lie under their pieces."""
     points, directions = mesh.corners(which), seen.directions.take(owners, axis=1)
     axes = seen.axes.take(owners, axis=2)
     places = applied(axes, points.swapaxes(0, 1))

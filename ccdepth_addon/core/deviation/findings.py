@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a measurement has found so far, and when it is enough."""
+"""The findings of a measurement so far, and the test of when they are enough."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a Bézier piece stands off the plane of a triangle, where it lies over that triangle along a direction.
+"""The heights of a Bézier piece over the plane of a triangle, where it lies over that triangle along a direction.
 
 Heights over a plane, and how far a point lies inside each of a triangle's sides, are linear functionals of the surface,
 so their Bernstein coefficients bound them. Where a piece reaches beyond a side, what it does there does not count: for
@@ -152,7 +152,7 @@ class Views:
 
 
 def _differences(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """From one side to the other, of (…, 4, N) values at the corners."""
+    """The differences from one side to the other, of (…, 4, N) values at the corners."""
     a, b, c, d = np.moveaxis(values, -2, 0)
     return (b + c - a - d) / 2, (c + d - a - b) / 2
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a mesh is from the limit surface of a control mesh: proved from above, reached from below.
+"""The distance of a mesh from the limit surface of a control mesh: proved from above, reached from below.
 
 The two-sided Hausdorff distance: the longest way from a point of either to the nearest point of the other. Nothing here
 uses what adaptive subdivision relies on, as this is its check. docs/deviation.md has the proofs.
@@ -119,7 +119,8 @@ def measure_deviation(
 
 
 def rounding_allowance(control: PolygonMesh, size: float) -> float:
-    """What double-precision rounding can hide, in the unit of the positions. docs/deviation.md, Rounding.
+    """The largest distance that double-precision rounding can hide, in the unit of the positions. docs/deviation.md,
+    Rounding.
 
     size: the largest coordinate, seen from the middle of both. What positions in the scene are off themselves: three
     roundings, by ``rounded_size``.

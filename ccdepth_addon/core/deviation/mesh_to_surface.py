@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far points of the mesh are from the surface at most: bounds of triangles and their parts."""
+"""The largest distances from points of the mesh to the surface: bounds of triangles and their parts."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far points of the surface are from the mesh at most: bounds of Bézier pieces."""
+"""The largest distances from points of the surface to the mesh: bounds of Bézier pieces."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class SurfaceToMesh:
         return self.upper[pieces] > self._goals(pieces)
 
     def _look(self, block: IndexArray) -> None:
-        """How far the middles are."""
+        """The distances of the middles."""
         pieces = self.pieces
         middles, is_bilinear = pieces.middles[block], pieces.is_bilinear(block)
         nearest = nearest_triangles(self.mesh, middles)

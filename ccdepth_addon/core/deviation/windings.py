@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How often the borders of pieces wind about a place, as seen along a direction, and which way pieces face.
+"""The windings of the borders of pieces about a place, as seen along a direction, and the ways that pieces face.
 
 docs/deviation.md, Covering and Sheets.
 """

@@ -134,8 +134,8 @@ class FaceFeet:
         yield from map_in_threads(divided, index_chunks(faces[is_divided], FEW_AT_ONCE), tick)
 
     def _divided(self, faces: IndexArray, level: int, shown: Vertices, limit: float) -> FoundByFeet:
-        """The same, part by part down to the leaves, until all parts of each face are within the limit or one can't
-        be."""
+        """The bounds of faces, part by part down to the leaves, until all parts of each face are within the limit or
+        one can't be."""
         places = self.places[faces]
         nets, which = _nets(self.mesh, faces), np.arange(len(faces))
         found, on_leaves = np.zeros((2, len(faces)))

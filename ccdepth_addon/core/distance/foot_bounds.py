@@ -116,8 +116,8 @@ def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> F
 
 @dataclass(frozen=True)
 class Turns:
-    """How far S_u and S_v are from those of the middle, in these, at most: (P,) each, of S_u along S_u and S_v, and of
-    S_v along S_u and S_v. are_known: (P,) bool, whether no combination of them vanishes."""
+    """The largest changes of S_u and S_v from those of the middle, in these: (P,) each, of S_u along S_u and S_v, and
+    of S_v along S_u and S_v. are_known: (P,) bool, whether no combination of them vanishes."""
 
     uu: FloatArray
     uv: FloatArray
@@ -265,7 +265,7 @@ def likely_distances(seconds: FloatArray, vertices: Vertices, is_turned: BoolArr
 
 
 def _highest(uu: FloatArray, vv: FloatArray, uv: FloatArray) -> FloatArray:
-    """How far a triangle's points are above a quadratic surface with these second derivatives, at most: over a square
+    """The largest height of a triangle's points over a quadratic surface with these second derivatives: over a square
     of side 1, with the diagonal from (0, 0) to (1, 1)."""
     diagonal = uu + vv + 2 * uv
     highest = np.maximum(np.maximum(uu, vv), np.maximum(diagonal, 0.0)) / 8

@@ -137,7 +137,7 @@ def _box_around(mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
 
 
 def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
-    """The same squares, counted from other corners (P,) on."""
+    """Squares, counted from other corners (P,) on."""
     origins = squares.origins + np.einsum("pi,pij->pj", SQUARE[corners], squares.axes)
     turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)])
     return Squares(squares.bases, origins, turns[corners] @ squares.axes)

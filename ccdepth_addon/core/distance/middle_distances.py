@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far points near the middles of regular faces are, at least, from all that a level draws over the same face.
+"""The least distances of points near the middles of regular faces from all that a level draws over the same face.
 
 docs/distance.md, Least depths: planes of the triangles there, and the rate at which the level's points go apart.
 """
@@ -156,7 +156,8 @@ def _hulls(nets: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
 
 
 def _beyond(uu: FloatArray, vv: FloatArray, both: FloatArray) -> FloatArray:
-    """How far vertices of levels after the control mesh are off the surface: h²(S_uu + S_vv)/6 and h⁴S_uuvv/36."""
+    """The distances of vertices of levels after the control mesh from the surface: h²(S_uu + S_vv)/6 and
+    h⁴S_uuvv/36."""
     return ((uu + vv) / 24 + both / 576) * (1 + ROUNDING)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far the surface is from the triangles of a shell, in the shell: piece by piece, by convex hulls.
+"""The largest distances of the surface from the triangles of a shell, in the shell: piece by piece, by convex hulls.
 
 A piece is a part of the surface over a part of one triangle. Every point of it has a place in the shell, over the
 triangle or one that shares a side with it, or near a corner over one that shares the corner; its distance along the

@@ -118,9 +118,9 @@ class PolygonMesh:
 
     @cached_property
     def largest_surroundings(self) -> int:
-        """How many points a vertex of the next level is made of, at most: the largest sum of face sizes less one, of
-        the faces at a vertex or those beyond the edges of a face; quads stand in for what is not there, and 12 is the
-        least."""
+        """The largest number of points that a vertex of the next level is made of: the largest sum of face sizes less
+        one, of the faces at a vertex or those beyond the edges of a face; quads stand in for what is not there, and 12
+        is the least."""
         sizes = self.face_sizes[self.corner_faces] - 1
         beyond = np.where(self.edge_has_twins[self.corner_edges], sizes[self.twin], 3)
         sums = (np.bincount(self.corner_vertices, sizes), np.bincount(self.corner_faces, beyond))

@@ -56,7 +56,7 @@ def has_good_positions(mesh: PolygonMesh) -> bool:
 
 
 def _fault(bad: BoolArray, one: str, many: str, fault: str) -> str:
-    """How many there are, empty for none."""
+    """The number of things at fault in words, empty for none."""
     found = np.flatnonzero(bad)
     return f"{len(found):,} {one if len(found) == 1 else many} {fault} (first: {one} {found[0]})" if len(found) else ""
 

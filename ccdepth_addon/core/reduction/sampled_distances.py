@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a mesh is from a finer one near the surface, at samples: quick, and proves nothing."""
+"""The distance of a mesh from a finer one near the surface, at samples: quick, and proves nothing."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Places:
-    """Where vertices lie on a mesh. triangles: (V,) intp, the nearest one, ``NONE`` where it faces away, as the other
-    side of a thin wall does. weights: (V, 3) float64, of its corners."""
+    """The places of vertices on a mesh. triangles: (V,) intp, the nearest one, ``NONE`` where it faces away, as the
+    other side of a thin wall does. weights: (V, 3) float64, of its corners."""
 
     triangles: IndexArray
     weights: FloatArray
@@ -63,7 +63,7 @@ class SampledDistances:
         return farthest
 
     def places_of(self, positions: FloatArray, corners: IndexArray, tick: Tick) -> Places:
-        """Where the vertices (V, 3) of a coarse mesh with triangles (T, 3) lie on the fine one."""
+        """The places on the fine mesh of the vertices (V, 3) of a coarse one with triangles (T, 3)."""
         triangles = np.full(len(positions), NONE)
         weights = np.zeros((len(positions), 3))
         normals = vertex_normals(positions, corners)

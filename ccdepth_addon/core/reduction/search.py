@@ -146,7 +146,7 @@ class Reduction:
         return self.proof
 
     def places(self, mesh: TriangleMesh, progress: Progress) -> Places:
-        """Where the vertices of a mesh lie on the start."""
+        """The places of the vertices of a mesh on the start."""
         return self._samples.places_of(mesh.positions, mesh.corners, lambda: progress(1.0))
 
     def _triangles(self, mesh: TriangleMesh, progress: Progress) -> Triangles:

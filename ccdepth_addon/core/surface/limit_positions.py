@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the vertices of a mesh lie on its limit surface."""
+"""The places of the vertices of a mesh on its limit surface."""
 
 from __future__ import annotations
 

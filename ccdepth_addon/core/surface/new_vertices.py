@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the vertices that a Catmull-Clark step puts on edges and into quads lie on the limit surface.
+"""The places on the limit surface of the vertices that a Catmull-Clark step puts on edges and into quads.
 
 Such a vertex has four quads around it, and of its edges only the two halves of the edge it was put on can be sharp,
 both alike. Whatever follows for it depends on its ring alone: on the sum A of the ends of these halves, B of the other

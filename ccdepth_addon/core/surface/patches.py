@@ -38,7 +38,7 @@ class PatchKind(IntEnum):
 
 
 class CornerKind(IntEnum):
-    """What a face's corner allows its patch to be; INSIDE and AT_SHARP_EDGE allow a spline patch."""
+    """The kind of patch that a face's corner allows; INSIDE and AT_SHARP_EDGE allow a spline patch."""
 
     OTHER = 0
     INSIDE = 1

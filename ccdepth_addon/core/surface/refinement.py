@@ -101,7 +101,7 @@ class Refinement:
         return vars(self).get("limits")
 
     def _with_limits(self, limits: FloatArray | None, corners: IndexArray | slice) -> Refinement:
-        """The same, with limits at the corners that are known: some of those of another refinement."""
+        """The refinement with limits at the corners that are known: some of those of another refinement."""
         if limits is not None:
             vars(self)["limits"] = limits[corners]
         return self

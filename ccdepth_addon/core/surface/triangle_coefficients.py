@@ -73,7 +73,7 @@ def coefficients_over(part: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=4096)
 def _coefficients_over(places: tuple[float, ...]) -> FloatArray:
-    """The same, by the parameters of the triangle's vertices: squares of a quad are cut alike in their own."""
+    """The coefficients by the parameters of the triangle's vertices: squares of a quad are cut alike in their own."""
     along, across = (_cubic_blossoms(each[arguments_of(3)]) for each in np.array(places).reshape(3, 2).T)
     return _ways_to_share() @ tensor(along, across) / comb(6, 3)
 
