@@ -81,13 +81,15 @@ def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
     """Bound the stale ones of some leaves, ascending. Returns those that have no bound within the limit."""
     limit = plan.request.limit
     stale = leaves[plan.is_stale.values[leaves]]
-    plan.is_stale.values[stale] = False
     wanted = stale[plan.at_equal.values[stale] > limit]
     had_feet = plan.by_feet.values[wanted] <= limit
     plan.by_feet.values[wanted] = bounds_by_feet(plan, wanted)
     has_feet = plan.by_feet.values[wanted] <= limit
-    # What is beside them has been bounded as beside feet.
-    plan.is_stale.values[with_rings(plan.tree, wanted[had_feet & ~has_feet], 1)] = True
+    # What is beside a leaf is bounded as beside feet, or as beside places.
+    plan.is_stale.values[with_rings(plan.tree, wanted[had_feet != has_feet], 1)] = True
+    plan.is_stale.values[stale] = False
+    # Bounds by places are of what was around when they were found.
+    plan.along_surface.values[wanted] = np.inf
     wanted = wanted[~has_feet]
     plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
     failed = wanted[plan.along_surface.values[wanted] > limit]
