@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -89,3 +90,11 @@ def test_what_draws_in_a_window_is_imported_by_nothing_else() -> None:
     assert drawing == {*WINDOW_MODULES}
     assert not drawing & {*MODULES}
     assert not drawing & {name for path in files for name in imported_from_the_addon(path)}
+
+
+def test_settings_of_tools_are_read_from_the_scene() -> None:
+    """In Blender 4.2 and 4.3 reading them from the context leaves it the scene as its owner. Opening another file frees
+    that scene, and what then sets a property of the window, as the glTF writer does, writes into what was freed."""
+    read = re.compile(r"\bcontext\.(tool_settings|layer_collection)\b")
+    sources = [*ADDON.rglob("*.py"), *(ADDON.parent / "tests" / "blender").rglob("*.py")]
+    assert [path.name for path in sources if read.search(path.read_text(encoding="utf-8"))] == []

@@ -23,6 +23,6 @@ class CCDEPTH_OT_edit_faces(QuickOperator):
 
     def act(self, context: bpy.types.Context) -> set[str]:
         # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
-        context.tool_settings.mesh_select_mode = (False, False, True)
+        context.scene.tool_settings.mesh_select_mode = (False, False, True)
         bpy.ops.object.mode_set(mode="EDIT")
         return {"FINISHED"}

@@ -34,7 +34,7 @@ def choose_face_mode(context: bpy.types.Context) -> None:
     """Set the select mode of Edit Mode, while it is on: with vertices or edges selected instead, faces between the
     wanted ones would be selected as well."""
     if context.mode == "EDIT_MESH":
-        context.tool_settings.mesh_select_mode = (False, False, True)
+        context.scene.tool_settings.mesh_select_mode = (False, False, True)
 
 
 def select_faces(mesh: bpy.types.Mesh, wanted: BoolArray, *, extend: bool = False) -> int:

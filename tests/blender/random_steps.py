@@ -568,8 +568,6 @@ def set_mode(rng: Random) -> None:
     bpy.ops.object.mode_set(mode=one(rng, ("EDIT",) * 6 + ("OBJECT",) * 5 + PAINTING))
     if bpy.context.mode == "EDIT_MESH":
         kinds = [chance(rng, 0.4), chance(rng, 0.4), chance(rng, 0.4)]
-        # Not `bpy.context.tool_settings`: in Blender 4.2 that leaves the context a scene as its owner. Opening a file
-        # frees that scene, and the glTF writer crashes on it.
         bpy.context.scene.tool_settings.mesh_select_mode = kinds if any(kinds) else (True, False, False)
         bpy.ops.mesh.select_random(ratio=float(rng.random()), seed=int(rng.integers(1, 1000)))
 

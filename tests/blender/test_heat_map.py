@@ -337,16 +337,19 @@ def test_what_an_operator_selects_in_object_mode_is_shown_until_it_is_edited(ope
     addon.measure(holder, time_limit=0.1)
     # What somebody has selected in Edit Mode is not.
     assert [len(mesh.chosen) for mesh in read(Shown.DEPTH)] == [0]
-    mode = tuple(bpy.context.tool_settings.mesh_select_mode)
+    mode = tuple(bpy.context.scene.tool_settings.mesh_select_mode)
     assert getattr(bpy.ops.ccdepth, operator)() == {"FINISHED"}
-    assert tuple(bpy.context.tool_settings.mesh_select_mode) == mode
+    assert tuple(bpy.context.scene.tool_settings.mesh_select_mode) == mode
     [mesh] = read(Shown.DEPTH)
     chosen = [face for face in holder.data.polygons if face.select]
     assert 0 < len(chosen) < len(holder.data.polygons)
     corners = {corner for face in chosen for corner in face.loop_indices}
     assert {*mesh.chosen.ravel().tolist()} == corners
     assert bpy.ops.ccdepth.edit_faces() == {"FINISHED"}
-    assert (bpy.context.mode, tuple(bpy.context.tool_settings.mesh_select_mode)) == ("EDIT_MESH", (False, False, True))
+    assert (bpy.context.mode, tuple(bpy.context.scene.tool_settings.mesh_select_mode)) == (
+        "EDIT_MESH",
+        (False, False, True),
+    )
     edited = bmesh.from_edit_mesh(holder.data)
     assert sum(face.select for face in edited.faces) == len(chosen)
     assert [len(mesh.chosen) for mesh in read(Shown.DEPTH)] == [0]
