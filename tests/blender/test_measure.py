@@ -243,6 +243,23 @@ def test_objects_that_share_a_mesh_get_the_larger_of_each_face(names: tuple[str,
     assert addon.deviations(holders["Far"]).min() > 0.1
 
 
+@pytest.mark.parametrize("names", [("Fine", "Far"), ("Far", "Fine")])
+def test_objects_that_share_a_mesh_are_as_accurate_as_the_least_accurate(names: tuple[str, str]) -> None:
+    source = subdivided_cube(2)
+    data = shown_by(source, "Mesh").data
+    bpy.data.objects.remove(bpy.data.objects["Mesh"])
+    holders = {name: scene.add(name, data) for name in names}
+    holders["Far"].location.x = 2.0
+    # For its 200,000 triangles there is no time.
+    scene.add_subdivision(holders["Fine"], 5)
+    addon.measure(*holders.values(), source, accuracy=0.5, time_limit=0.5)
+    assert data.ccdepth.measurement.measured == "Far"
+    assert not data.ccdepth.measurement.accuracy_met
+    bpy.data.objects.remove(holders["Fine"])
+    addon.measure(holders["Far"], source, accuracy=0.5, time_limit=0.5)
+    assert data.ccdepth.measurement.accuracy_met
+
+
 def test_transforms_of_both_count() -> None:
     source = subdivided_cube(2)
     other = shown_by(source, "Other")
