@@ -263,6 +263,34 @@ def test_faces_with_one_depth_are_within_the_tolerance_both_ways(name: str) -> N
     assert_within(data, 4, {COARSE: "TRIANGLES", MIDDLE: "NGONS"}, slack=2, mode="PER_FACE")
 
 
+def strange(seed: int) -> meshes.MeshData:
+    """Of six kinds in turn: with folds, obtuse corners, sides bent like an S, needles, a pole, or creases that end."""
+    rng, kind = np.random.default_rng(seed), seed % 6
+    columns, rows = rng.integers(2, 6, 2).tolist()
+    data = meshes.landscape(columns, rows, seed) if rng.random() < 0.5 else meshes.torus(columns + 1, rows + 1)
+    if kind == 4:
+        data = meshes.fan(2 + int(398 * rng.random() ** 3), 1, seed)
+    if kind == 5:
+        return softened(meshes.with_random_creases(data, seed))
+    changes: dict[int, Callable[[FloatArray], FloatArray]] = {
+        0: lambda points: points + rng.normal(0.0, 0.5, points.shape),
+        1: lambda points: points @ (np.eye(3) + rng.normal(0.0, 2.0, (3, 3))),
+        2: lambda points: points + rng.uniform(0.2, 1.0) * np.sin(rng.uniform(1.0, 4.0) * points[:, [1, 2, 0]]),
+        3: lambda points: points * 10.0 ** rng.uniform(-3.0, 0.0, 3),
+        4: lambda points: points * [1.0, 1.0, rng.uniform(0.0, 3.0)],
+    }
+    return replace(data, positions=changes[kind](data.positions))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(500))
+def test_strange_meshes_are_within_the_tolerance_both_ways(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    relative = {float(10.0 ** rng.uniform(-3.0, -1.5)): str(rng.choice(["TRIANGLES", "NGONS"]))}
+    mode = "PER_FACE" if rng.random() < 0.2 else "ADAPTIVE"
+    assert_within(meshes.single_precision(strange(seed)), 4, relative, slack=2, mode=mode)
+
+
 # Of objects: what they do to their meshes, so unevenly that Blender does not see the polygons as they are in the scene.
 WORLDS: dict[str, FloatArray] = {
     "flattened": np.diag([1.0, 1.0, 0.01]),
