@@ -94,7 +94,7 @@ def _add_choices(parser: Parser) -> None:
     add(
         "--unit",
         choices=UNITS,
-        help="what one unit is in .stl, .obj and .ply files, read and written (mm for .stl, otherwise m)",
+        help="the length of one unit in .stl, .obj and .ply files, read and written (mm for .stl, otherwise m)",
     )
     near = parser.add_mutually_exclusive_group()
     near.add_argument(
@@ -103,7 +103,7 @@ def _add_choices(parser: Parser) -> None:
         help="largest distance allowed to the limit surface: 0.1mm, 0.01in, 0.1%% of the diagonal, or a bare number",
     )
     near.add_argument(
-        "--faces", type=face_budget, help="take the best tolerance with which adaptive meshes have so many faces: 50k"
+        "--faces", type=face_budget, help="find the best tolerance for a number of faces of the adaptive meshes: 50k"
     )
     mode = parser.add_mutually_exclusive_group()
     lengths = {
@@ -137,19 +137,19 @@ def _add_actions(parser: Parser) -> None:
     add(
         "--measure",
         action="store_true",
-        help="measure how far what objects show is from their limit surfaces; with --levels or --subdivide, measure "
-        "what was written, read back from the file, as a report does",
+        help="measure how far the shown meshes are from their limit surfaces; with --levels or --subdivide, measure "
+        "the meshes written, read back from the file, as a report does",
     )
     add(
         "--accuracy",
         type=number_from("greater than zero", LEAST),
-        help="how near the two distances measured are to be, as a part of them (0.05)",
+        help="how far apart the proved and the reached distance may be, as a part of the reached distance (0.05)",
     )
     add(
         "--time-limit",
         type=number_from("of seconds", 0.0),
         metavar="SECONDS",
-        help="measure no longer than so many seconds; 0 for no limit",
+        help="the most seconds to measure; 0 for no limit",
     )
     add = parser.add_argument_group("adaptive subdivision").add_argument
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
@@ -203,7 +203,7 @@ def _add_runs(parser: Parser) -> None:
         "--jobs",
         type=whole_number,
         metavar="N",
-        help="do so many files at a time, in other processes: a file that crashes Blender fails alone",
+        help="how many files are done at a time, each by another process: a file that crashes Blender fails alone",
     )
     parser.add_argument(
         "--verify", type=Path, metavar="REPORT", help="check all that a JSON report says, and do nothing else"
@@ -215,7 +215,7 @@ def _add_runs(parser: Parser) -> None:
         "--file-timeout",
         type=number_from("of seconds greater than zero", LEAST),
         metavar="SECONDS",
-        help="end what takes longer with one file, which is the failure of that file; with --jobs, 1 by default",
+        help="the most seconds for one file: a file that takes longer fails; with --jobs, 1 by default",
     )
     # The mark before the answers of a process that is given the numbers of its files by another.
     parser.add_argument("--worker", help=argparse.SUPPRESS)
