@@ -299,7 +299,8 @@ def _add_object(
 
 
 def _write_picture(scene: bpy.types.Scene, path: Path) -> None:
-    scene.render.filepath = str(path)
+    # Blender 5.2 finds no folder in a bare name.
+    scene.render.filepath = str(path.absolute())
     scene.render.use_file_extension = False
     try:
         bpy.ops.render.render(write_still=True, scene=scene.name)

@@ -123,6 +123,16 @@ def test_all_objects_are_in_the_picture_whatever_their_size(tmp_path: Path) -> N
         assert np.ptp(rows) > size * picture.HEIGHT / 2
 
 
+@pytest.mark.every_blender
+def test_its_name_may_have_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a new file, which has no folder either."""
+    monkeypatch.chdir(tmp_path)
+    holder = scene.add_object(meshes.cube())
+    addon.compute(holder)
+    picture.render(bpy.context, [holder], Path("picture.png"), "Title", "Subtitle", size=picture.SMALL)
+    assert [each.name for each in tmp_path.iterdir()] == ["picture.png"]
+
+
 def test_without_depths_there_is_no_picture(tmp_path: Path) -> None:
     with pytest.raises(picture.CommandError):
         render(tmp_path / "picture.png", scene.add_suzanne())
