@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The common base of Apply Adaptive Subdivision, Update Result and Count Faces."""
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 
 import bpy
@@ -18,45 +20,27 @@ from .job import Steps, Work
 from .long_operator import LongOperator
 from .place_results import NewMesh, make_meshes
 from .reduced_meshes import Reducer
-from .selected_meshes import LINKED, count_text, name_fault, refuse, selected_meshes
+from .selected_meshes import LINKED, count_text, name_fault
 
 
 class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):
-    """An operator that makes adaptive meshes or counts their faces; it leaves Edit Mode while it runs."""
+    """An operator that makes adaptive meshes or counts their faces."""
 
     # How many faces there will be, where they were counted before.
-    _counted: int | None = None
+    counted: int | None = None
 
-    def prepared(self, context: bpy.types.Context) -> Steps[list[AdaptiveTask]]:
-        """Leave Edit Mode and read the objects: yields the stage, and returns the tasks. Raises ComputeError."""
-        objects = self.objects(context)
-        refuse(objects, self.fault)
+    @contextmanager
+    def in_object_mode(
+        self, context: bpy.types.Context, objects: Sequence[bpy.types.Object], sources: Sequence[bpy.types.Object]
+    ) -> Iterator[list[int]]:
+        """Leave Edit Mode while this context lasts, and end the run without one of these objects; gives what
+        ``edit_mode.left`` gives."""
         # What is evaluated for reading looks like a change of the objects.
         counted = known.known_count(objects, self.settings())
-        self._counted = None if counted is None else counted.faces
-        sources = [self.source(obj) for obj in objects]
+        self.counted = None if counted is None else counted.faces
         self.end_without(context, [*objects, *sources])
-        self._goes_on_editing = context.mode == "EDIT_MESH"
-        self._edited = edit_mode.leave(context)
-        return (yield from prepare_adaptive(context, sources, self.settings(), objects))
-
-    def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """The objects that get results."""
-        return selected_meshes(context)
-
-    def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
-        """The object that the object's result is made from."""
-        return blender_object
-
-    def fault(self, blender_object: bpy.types.Object) -> str | None:
-        """Why the object cannot have a result. Its mesh may be linked: nothing is written to it."""
-        if not blender_object.is_editable:
-            return LINKED
-        return name_fault(self.source(blender_object))
-
-    def leave(self, context: bpy.types.Context) -> None:
-        edit_mode.enter(context, getattr(self, "_edited", ()))
-        self._edited = []
+        with edit_mode.left(context) as edited:
+            yield edited
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         settings = self.settings()
@@ -72,33 +56,34 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
 class MakingOperator(properties.MakingProperties, AdaptiveOperator):
     """An operator that makes adaptive meshes."""
 
-    def steps(self, context: bpy.types.Context) -> Steps[list[NewMesh]]:
-        tasks = yield from self.prepared(context)
-        self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
+    def made(
+        self,
+        context: bpy.types.Context,
+        sources: Sequence[bpy.types.Object],
+        objects: Sequence[bpy.types.Object],
+        text: Callable[[float], str],
+    ) -> Steps[tuple[list[NewMesh], list[str]]]:
+        """Make the meshes of sources for the objects that get them; returns the meshes, and notes for the user. text:
+        of the progress in faces. Raises ComputeError."""
         settings = self.settings()
-        answers = yield Work(partial(subdivide, tasks, settings), self.progress_text, self._counted)
+        tasks = yield from prepare_adaptive(context, sources, settings, objects)
+        notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
+        answers = yield Work(partial(subdivide, tasks, settings), text, self.counted)
         if not self.reduce:
-            return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals))
+            return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals)), notes
         reducer = Reducer(context, settings, exact_normals=self.exact_normals)
         made = yield from reducer.make(answers)
-        self._notes += reducer.notes
-        return made
+        return made, notes + reducer.notes
 
-    def fault(self, blender_object: bpy.types.Object) -> str | None:
-        source = self.source(blender_object)
+    def making_fault(self, blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:
+        """Why the object cannot have a mesh made from the source."""
         if self.reduce and has_own_keys(source, use_modifiers=self.use_modifiers):
             return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
-        return super().fault(blender_object)
+        return result_fault(blender_object, source)
 
-    def progress_text(self, progress: float) -> str:
-        """The number of faces so far, as text."""
-        if self._counted is None:
-            return f"Subdividing: {progress:,.0f} faces so far"
-        return f"Subdividing: {progress:,.0f} of {self._counted:,} faces"
-
-    def report_made(self, made: list[NewMesh], objects: list[bpy.types.Object]) -> None:
+    def report_made(self, made: list[NewMesh], notes: list[str], objects: list[bpy.types.Object]) -> None:
         """Tell what was made, for these objects."""
-        for note in self._notes:
+        for note in notes:
             self.report({"WARNING"}, printable(note))
         faces = count_text(sum(len(each.depths) for each in made), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
@@ -111,6 +96,11 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         if self.reduce:
             text += f"; without Reduce {sum(triangle_count(each.result) for each in made):,} triangles"
         self.report({"INFO"}, text)
+
+
+def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:
+    """Why the object cannot have a result of the source. Its mesh may be linked: nothing is written to it."""
+    return name_fault(source) if blender_object.is_editable else LINKED
 
 
 def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:

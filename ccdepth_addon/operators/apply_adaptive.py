@@ -9,8 +9,9 @@ import bpy
 from ..state import heat_map, out_of_date, properties, result_record
 from ..state.heat_map import Shown
 from .adaptive_operator import MakingOperator
-from .place_results import NewMesh, place_meshes
-from .selected_meshes import hidden_fault
+from .job import Steps
+from .place_results import place_meshes
+from .selected_meshes import hidden_fault, refuse, selected_meshes
 
 
 class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
@@ -21,28 +22,36 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     bl_label = "Apply Adaptive Subdivision"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    def fault(self, blender_object: bpy.types.Object) -> str | None:
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
+        objects = selected_meshes(context)
+        refuse(objects, self._fault)
+        settings = result_record.made_with(self, self.tolerance)
+        in_place, is_editing = self.output == "IN_PLACE", context.mode == "EDIT_MESH"
+        with self.in_object_mode(context, objects, objects) as edited:
+            made, notes = yield from self.made(context, objects, objects, self._progress_text)
+            placed = [*chain(*place_meshes(context, made, self.settings(), in_place=in_place))]
+            for each in placed:
+                # A result that was subdivided is the source of its copy, or came from nothing any more.
+                result_record.forget(each.user)
+                if not in_place:
+                    out_of_date.remember_made(each.user, each.source, settings, each.user.data.materials)
+            if is_editing:
+                edited[:] = [each.user.session_uid for each in placed]
+        heat_map.show(context, Shown.DISTANCE)
+        self.report_skipped(context)
+        self.report_made(made, notes, [each.user for each in placed])
+        return {"FINISHED"}
+
+    def _progress_text(self, faces: float) -> str:
+        of_all = "faces so far" if self.counted is None else f"of {self.counted:,} faces"
+        return f"Subdividing: {faces:,.0f} {of_all}"
+
+    def _fault(self, blender_object: bpy.types.Object) -> str | None:
         if not self.subdivide_results and result_record.is_adaptive(blender_object):
             return _result_fault(blender_object)
         if self.output == "IN_PLACE" and blender_object.override_library is not None:
             return "the object is a library override; choose New Object, or make it local first"
-        return hidden_fault(blender_object) or super().fault(blender_object)
-
-    def finish(self, context: bpy.types.Context, answer: list[NewMesh]) -> set[str]:
-        in_place = self.output == "IN_PLACE"
-        settings = result_record.made_with(self, self.tolerance)
-        placed = [*chain(*place_meshes(context, answer, self.settings(), in_place=in_place))]
-        for each in placed:
-            # A result that was subdivided is the source of its copy, or came from nothing any more.
-            result_record.forget(each.user)
-            if not in_place:
-                out_of_date.remember_made(each.user, each.source, settings, each.user.data.materials)
-        if self._goes_on_editing:
-            self._edited = [each.user.session_uid for each in placed]
-        heat_map.show(context, Shown.DISTANCE)
-        self.report_skipped(context)
-        self.report_made(answer, [each.user for each in placed])
-        return {"FINISHED"}
+        return hidden_fault(blender_object) or self.making_fault(blender_object, blender_object)
 
 
 def _result_fault(blender_object: bpy.types.Object) -> str:

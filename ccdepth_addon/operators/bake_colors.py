@@ -31,16 +31,13 @@ class CCDEPTH_OT_bake_colors(QuickOperator):
     def act(self, context: bpy.types.Context) -> set[str]:
         holders = {each.data: each for each in selected_meshes(context) if _kind(each.data, context)}
         refuse_what_cannot_be_written([*holders.values()])
-        edited = edit_mode.leave(context)
-        try:
+        with edit_mode.left(context):
             for mesh, holder in holders.items():
                 kind = _kind(mesh, context)
                 assert kind is not None
                 with naming(holder.name):
                     tolerance = heat_map.tolerance_of(mesh, kind)
                     heat_map.write_colors(mesh, kind, tolerance, context.scene.ccdepth)
-        finally:
-            edit_mode.enter(context, edited)
         self.report({"INFO"}, f"Baked to “{COLOR}”")
         return {"FINISHED"}
 

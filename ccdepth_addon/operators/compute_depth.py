@@ -27,33 +27,28 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
     bl_label = "Compute Depth"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    def steps(self, context: bpy.types.Context) -> Steps[list[MeshDepths]]:
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = selected_meshes(context)
         refuse_what_cannot_be_written(objects)
         self.end_without(context, objects)
-        settings = self._settings(context)
+        frames = chosen_frames(context.scene, self.frames, self.frame_list)
+        settings = DepthSettings.of(self, self.tolerance, frames=frames)
         if self.frames == "CUSTOM":
             typed_frames(settings.frames)
         work = yield from prepare_depths(context, objects, settings)
-        return (yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0))
-
-    def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
-        meshes = [_mesh_still_there(each) for each in answer]
+        answers = yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0)
+        meshes = [_mesh_still_there(each) for each in answers]
         with ExitStack() as undo:
-            for each, mesh in zip(answer, meshes, strict=True):
+            for each, mesh in zip(answers, meshes, strict=True):
                 with naming(each.task.object_names[0]):
                     results.write_depths(mesh, each, undo)
             undo.pop_all()
-        for each, mesh in zip(answer, meshes, strict=True):
-            results.write_record(mesh, each, self._settings(context))
+        for each, mesh in zip(answers, meshes, strict=True):
+            results.write_record(mesh, each, settings)
             out_of_date.remember_depths(mesh, each.task.geometry, each.depths, each.task.states)
         heat_map.show(context, Shown.DEPTH)
-        self._report(context, answer)
+        self._report(context, answers)
         return {"FINISHED"}
-
-    def _settings(self, context: bpy.types.Context) -> DepthSettings:
-        frames = chosen_frames(context.scene, self.frames, self.frame_list)
-        return DepthSettings.of(self, self.tolerance, frames=frames)
 
     def _report(self, context: bpy.types.Context, answers: list[MeshDepths]) -> None:
         self.report_skipped(context)

@@ -7,23 +7,29 @@ from typing import ClassVar
 import bpy
 
 from ..state import known, result_record
-from ..tasks.adaptive_meshes import FaceCount, count_results, too_many_text
-from ..tasks.adaptive_task import AdaptiveTask
+from ..tasks.adaptive_meshes import count_results, too_many_text
+from ..tasks.adaptive_task import AdaptiveTask, prepare_adaptive
 from ..ui.printable import printable
-from .adaptive_operator import AdaptiveOperator
+from .adaptive_operator import AdaptiveOperator, result_fault
 from .job import Steps, Work
-from .selected_meshes import count_text, hidden_fault
+from .selected_meshes import count_text, hidden_fault, refuse, selected_meshes
 
 
 class CountingOperator(AdaptiveOperator):
     """An operator that says what adaptive meshes would be like, and makes none."""
 
-    def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
-        """The source that Update Result would make a result from."""
-        return result_record.control_object(blender_object)
-
-    def fault(self, blender_object: bpy.types.Object) -> str | None:
-        return hidden_fault(blender_object) or super().fault(blender_object)
+    def read(self, context: bpy.types.Context) -> Steps[list[AdaptiveTask]]:
+        """Read the objects, of results the sources that Update Result would take; returns the tasks. Raises
+        ComputeError."""
+        objects = selected_meshes(context)
+        sources = [result_record.control_object(each) for each in objects]
+        faults = {
+            each: hidden_fault(each) or result_fault(each, source)
+            for each, source in zip(objects, sources, strict=True)
+        }
+        refuse(objects, faults.get)
+        with self.in_object_mode(context, objects, sources):
+            return (yield from prepare_adaptive(context, sources, self.settings(), objects))
 
 
 class CCDEPTH_OT_count_faces(CountingOperator):
@@ -33,14 +39,10 @@ class CCDEPTH_OT_count_faces(CountingOperator):
     bl_label = "Count Faces"
     bl_options: ClassVar[set[str]] = {"REGISTER"}
 
-    def steps(self, context: bpy.types.Context) -> Steps[tuple[list[AdaptiveTask], list[FaceCount]]]:
-        tasks = yield from self.prepared(context)
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
+        tasks = yield from self.read(context)
         work = partial(count_results, tasks, self.settings())
-        return tasks, (yield Work(work, "Counting faces: {:,.0f} so far".format, self._counted))
-
-    def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], list[FaceCount]]) -> set[str]:
-        tasks, counts = answer
-        self.leave(context)
+        counts = yield Work(work, "Counting faces: {:,.0f} so far".format, self.counted)
         known.remember_count(context, [task.object_names for task in tasks], self.settings(), counts)
         if not counts[0].are_too_many:
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 import bpy
 
@@ -13,8 +14,10 @@ from .selected_meshes import refuse
 HIDDEN = "it is edited while it is hidden, and could not be edited again; show it first"
 
 
-def leave(context: bpy.types.Context) -> list[int]:
-    """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the edited objects.
+@contextmanager
+def left(context: bpy.types.Context) -> Iterator[list[int]]:
+    """Leave the Edit Mode of meshes, if it is on, while this context lasts. Gives the session identifiers of the
+    objects that are edited afterwards: a list that may be changed.
 
     It can be on without the active object: with Lock Object Modes off, another may become the active one meanwhile.
     Raises ComputeError, with nothing changed, where an object could not be edited again.
@@ -25,10 +28,14 @@ def leave(context: bpy.types.Context) -> list[int]:
     refuse(edited, lambda each: None if can_be_shown(each) else HIDDEN)
     if edited:
         _set_mode(layer, edited, "OBJECT")
-    return [each.session_uid for each in edited]
+    uids = [each.session_uid for each in edited]
+    try:
+        yield uids
+    finally:
+        _enter(context, uids)
 
 
-def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
+def _enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
     """Edit these objects and no others; what is selected and hidden stays so.
 
     Blender enters Edit Mode with what is selected and shown, but lets both change while it is on.

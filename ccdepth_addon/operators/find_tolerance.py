@@ -8,8 +8,7 @@ from typing import ClassVar
 import bpy
 
 from ..state import known, properties
-from ..tasks.adaptive_meshes import FaceCount, Fit, best_tolerance
-from ..tasks.adaptive_task import AdaptiveTask
+from ..tasks.adaptive_meshes import FaceCount, best_tolerance
 from ..tasks.surfaces import ComputeError
 from .count_faces import CountingOperator
 from .job import Steps, Work
@@ -23,19 +22,14 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
     bl_label = "Find Tolerance"
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
-    def steps(self, context: bpy.types.Context) -> Steps[tuple[list[AdaptiveTask], Fit]]:
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         if self.face_budget > self.max_faces:
             raise ComputeError(f"The Face Limit is {self.max_faces:,}; raise it first")
-        tasks = yield from self.prepared(context)
+        tasks = yield from self.read(context)
         work = partial(best_tolerance, tasks, self.settings(), self.face_budget)
-        fit = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, self._counted)
+        fit = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, self.counted)
         if fit is None:
             raise ComputeError(f"Even undivided there would be more than {self.face_budget:,} faces")
-        return tasks, fit
-
-    def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], Fit]) -> set[str]:
-        tasks, fit = answer
-        self.leave(context)
         context.scene.ccdepth.tolerance_mode = self.tolerance_mode
         properties.set_scene_tolerance(context.scene.ccdepth, fit.tolerance)
         settings = replace(self.settings(), tolerance=fit.tolerance)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import bpy
 import numpy as np
@@ -38,7 +37,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
     """
 
     # None unless it runs: Blender keeps operators that have run, and would keep their work with them.
-    _run: Job[Any] | None = None
+    _run: Job[set[str]] | None = None
 
     # The session identifiers of the objects without which it is of no use to go on.
     _needed: frozenset[int] = frozenset()
@@ -54,12 +53,9 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         options={"HIDDEN", "SKIP_SAVE"},
     )
 
-    def steps(self, context: bpy.types.Context) -> Steps[Any]:
-        """Read the objects and compute; returns the answer. Raises ComputeError."""
-        raise NotImplementedError
-
-    def finish(self, context: bpy.types.Context, answer: Any) -> set[str]:
-        """Write the answer, all of it or nothing. Raises ComputeError."""
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
+        """Read the objects, compute, and write the answer, all of it or nothing; returns what ``execute`` returns.
+        However the run ends, the steps put back what they changed meanwhile. Raises ComputeError."""
         raise NotImplementedError
 
     def end_without(self, context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
@@ -72,9 +68,6 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         if skipped:
             objects = count_text(skipped, "selected object", "selected objects")
             self.report({"INFO"}, f"Skipped {objects} without a mesh")
-
-    def leave(self, context: bpy.types.Context) -> None:
-        """Put back what the steps changed while they run; called however it ends."""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._begin(context, np.inf) or {"CANCELLED"}
@@ -114,7 +107,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         self._stop_waiting(context)
         if self._run is not None:
             self._run.give_up()
-        self._end(context)
+        self._end()
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -140,7 +133,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
                 raise ComputeError(DELETED)
             if not self._run.run(seconds):
                 return None
-            outcome = self.finish(context, self._run.answer)
+            outcome = self._run.answer
         except ComputeError as fault:
             return self._refuse(context, fault)
         except Cancelled:
@@ -148,24 +141,23 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         except MemoryError:
             return self._refuse(context, ComputeError("There is not enough memory: nothing was changed"))
         except BaseException:
-            self._end(context)
+            self._end()
             raise
-        self._end(context)
+        self._end()
         known.note_refused({})
         if self.options.is_repeat:
             self._keep_settings(context.scene.ccdepth)
         return outcome
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
-        self._end(context)
+        self._end()
         known.note_refused(fault.faces_at_fault)
         text = f"{fault}\n{REMEDY}" if fault.faces_at_fault else str(fault)
         self.report({"ERROR"}, printable_lines(text))
         return {"CANCELLED"}
 
-    def _end(self, context: bpy.types.Context) -> None:
+    def _end(self) -> None:
         self._run, self._needed = None, frozenset()
-        self.leave(context)
         self._save_if_wanted()
 
     def _save_if_wanted(self) -> None:

@@ -37,41 +37,31 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
     bl_label = "Measure Deviation"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    def steps(self, context: bpy.types.Context) -> Steps[list[MeshDeviation]]:
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         target, objects = _target_and_measured(context)
         refuse_what_cannot_be_written(objects)
         self.end_without(context, [target, *objects])
-        settings = self._settings()
+        settings = MeasureSettings.of(self, self.tolerance)
         task = prepare_measurement(context, objects, target, settings)
-        self._is_own = task.own
         with naming(task.surface.object_name):
-            return (yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0))
-
-    def finish(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> set[str]:
-        settings = self._settings()
-        objects = [_still_there(each) for each in answer]
+            answers = yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
+        holders = [_still_there(each) for each in answers]
         with ExitStack() as undo:
-            for each, measured in zip(answer, objects, strict=True):
+            for each, measured in zip(answers, holders, strict=True):
                 with naming(measured.name):
                     results.write_deviations(measured.data, each, undo)
             undo.pop_all()
-        for each, measured in zip(answer, objects, strict=True):
+        for each, measured in zip(answers, holders, strict=True):
             results.write_measurement(measured.data, each, settings)
             out_of_date.remember_measurement(measured, bpy.data.objects[each.against])
         heat_map.show(context, Shown.DEVIATION)
-        self._report(context, answer)
-        return {"FINISHED"}
-
-    def _settings(self) -> MeasureSettings:
-        return MeasureSettings.of(self, self.tolerance)
-
-    def _report(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> None:
         self.report_skipped(context)
-        for each in answer:
-            name = "" if self._is_own or len(answer) == 1 else f"{printable(each.measured)}: "
+        for each in answers:
+            name = "" if len(answers) == 1 else f"{printable(each.measured)}: "
             if each.verdict is Verdict.UNDECIDED or not each.accuracy_met:
                 self.report({"WARNING"}, f"{name}the distances are those proved so far; {ENDED[each.out_of_time]}")
             self.report({"INFO"}, f"{name}{_text(context.scene, each)}")
+        return {"FINISHED"}
 
 
 def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, list[bpy.types.Object]]:

@@ -8,10 +8,11 @@ import bpy
 
 from ..state import out_of_date, result_record, watch
 from ..tasks.surfaces import ComputeError
-from ..ui.printable import printable, printable_lines
+from ..ui.printable import printable_lines
 from .adaptive_operator import MakingOperator
+from .job import Steps
 from .long_operator import NAVIGATION_EVENTS
-from .place_results import NewMesh, place_in_results
+from .place_results import place_in_results
 from .selected_meshes import LINKED, refuse, selected_meshes
 
 # While one of these runs, results that are kept updated wait: their names begin so.
@@ -23,45 +24,28 @@ NOT_EVALUATED = "it is in no shown collection of this view layer, so its size in
 class UpdatingOperator(MakingOperator):
     """An operator that makes results anew from the objects they came from."""
 
-    def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
-        source = result_record.source_of(blender_object)
-        assert source is not None
-        return source
-
-    def fault(self, blender_object: bpy.types.Object) -> str | None:
-        if not blender_object.is_editable:
-            return LINKED
-        if blender_object.override_library is not None:
-            return "the object is a library override; make it local first"
-        return _source_fault(blender_object, self._results, self.use_modifiers) or super().fault(blender_object)
-
-    def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """The results to make anew, and with them those that share their meshes where their scale is known."""
-        chosen = self.chosen(context)
+    def updated(self, context: bpy.types.Context, chosen: list[bpy.types.Object]) -> Steps[set[str]]:
+        """Make results anew, and with them those that share their meshes where their scale is known."""
         shared = {result.data for result in chosen}
         sharing = [each for each in bpy.data.objects if each.data in shared and result_record.is_result(each)]
         depsgraph = context.evaluated_depsgraph_get()
-        self._results = list(dict.fromkeys([*chosen, *(each for each in sharing if _is_evaluated(each, depsgraph))]))
+        results = list(dict.fromkeys([*chosen, *(each for each in sharing if _is_evaluated(each, depsgraph))]))
         refuse(chosen, lambda each: None if _is_evaluated(each, depsgraph) else NOT_EVALUATED)
-        return self._results
-
-    def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        raise NotImplementedError
-
-    def progress_text(self, progress: float) -> str:
-        return f"Updating: {progress:,.0f} faces so far"
-
-    def finish(self, context: bpy.types.Context, answer: list[NewMesh]) -> set[str]:
-        notes = place_in_results(context, answer, result_record.made_with(self, self.tolerance))
-        for note in notes:
-            self.report({"WARNING"}, printable(note))
-        self.report_made(answer, self._results)
+        refuse(results, lambda each: self._fault(each, results))
+        sources = [result_record.control_object(each) for each in results]
+        settings = result_record.made_with(self, self.tolerance)
+        with self.in_object_mode(context, results, sources):
+            made, notes = yield from self.made(context, sources, results, "Updating: {:,.0f} faces so far".format)
+            self.report_made(made, place_in_results(context, made, settings) + notes, results)
         return {"FINISHED"}
 
-    def leave(self, context: bpy.types.Context) -> None:
-        super().leave(context)
-        # Blender keeps operators that have run.
-        self._results = []
+    def _fault(self, result: bpy.types.Object, together: Collection[bpy.types.Object]) -> str | None:
+        if not result.is_editable:
+            return LINKED
+        if result.override_library is not None:
+            return "the object is a library override; make it local first"
+        source = result_record.control_object(result)
+        return _source_fault(result, together, self.use_modifiers) or self.making_fault(result, source)
 
 
 class CCDEPTH_OT_update(UpdatingOperator):
@@ -78,8 +62,8 @@ class CCDEPTH_OT_update(UpdatingOperator):
             return None
         return "Select a result of Apply Adaptive Subdivision, or the object it came from"
 
-    def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """The selected results, and those of other selected objects."""
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
+        """Make the selected results anew, and those of other selected objects."""
         selected = selected_meshes(context)
         results = [each for each in selected if result_record.is_result(each)]
         of_sources = [
@@ -91,7 +75,7 @@ class CCDEPTH_OT_update(UpdatingOperator):
         ]
         if not results and not of_sources:
             raise ComputeError(f"{selected[0].name}: none of its results is shown here, not even hidden by the eye")
-        return list(dict.fromkeys([*results, *of_sources]))
+        return (yield from self.updated(context, list(dict.fromkeys([*results, *of_sources]))))
 
 
 class CCDEPTH_OT_update_kept(UpdatingOperator):
@@ -105,41 +89,34 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return context.mode == "OBJECT" and bool(_due_in(context))
 
-    def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         """Take up those that were made with the same settings as the first; the others have their turn."""
         first, *others = _due_in(context)
         record = first.ccdepth
         settings = result_record.made_with(record, record.tolerance)
         alike = [each for each in others if result_record.made_with(each.ccdepth, each.ccdepth.tolerance) == settings]
-        self._chosen = [first, *alike]
+        self._uids = [each.session_uid for each in (first, *alike)]
         # Whatever comes of it, it is not tried again before the source is edited again.
-        out_of_date.no_longer_due(self._chosen)
+        out_of_date.no_longer_due(self._uids)
         for name, value in settings.items():
             setattr(self, name, value)
-        return super()._begin(context, seconds)
-
-    def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        return self._chosen
+        try:
+            return (yield from self.updated(context, [first, *alike]))
+        finally:
+            watch.examine_soon()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.value == "PRESS" and event.type not in {"ESC", *NAVIGATION_EVENTS}:
             # Someone goes on working, and comes first.
-            waiting = self._chosen
             self.cancel(context)
-            out_of_date.due_again(waiting)
+            out_of_date.due_again(self._uids)
             return {"CANCELLED", "PASS_THROUGH"}
         status = super().modal(context, event)
         return {"PASS_THROUGH"} if status == {"RUNNING_MODAL"} else status
 
-    def leave(self, context: bpy.types.Context) -> None:
-        super().leave(context)
-        self._chosen = []
-        # Results with other settings have their turn.
-        watch.examine_soon()
-
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         """Without a message in the way: nobody has pressed a button."""
-        self._end(context)
+        self._end()
         self.report({"WARNING"}, f"Not kept updated: {printable_lines(str(fault))}")
         return {"CANCELLED"}
 

@@ -9,7 +9,7 @@ Listeners are told when sources of results that are kept updated have left Edit 
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
 import bpy
@@ -119,14 +119,14 @@ def due_results() -> list[bpy.types.Object]:
     return [each for each in bpy.data.objects if each.session_uid in _due and each.ccdepth.keep_updated]
 
 
-def no_longer_due(results: list[bpy.types.Object]) -> None:
-    """Leave these results until their sources leave Edit Mode again."""
-    _due.difference_update(each.session_uid for each in results)
+def no_longer_due(uids: Iterable[int]) -> None:
+    """Leave the results with these session identifiers until their sources leave Edit Mode again."""
+    _due.difference_update(uids)
 
 
-def due_again(results: list[bpy.types.Object]) -> None:
-    """Make these results anew when nothing has happened for a while."""
-    _due.update(each.session_uid for each in results)
+def due_again(uids: Iterable[int]) -> None:
+    """Make the results with these session identifiers anew when nothing has happened for a while."""
+    _due.update(uids)
     watch.examine_soon()
 
 
