@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apply Adaptive Subdivision."""
 
-from itertools import chain
 from typing import ClassVar
 
 import bpy
@@ -29,17 +28,17 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
         in_place, is_editing = self.output == "IN_PLACE", context.mode == "EDIT_MESH"
         with self.in_object_mode(context, objects, objects) as edited:
             made, notes = yield from self.made(context, objects, objects, self._progress_text)
-            placed = [*chain(*place_meshes(context, made, self.settings(), in_place=in_place))]
-            for each in placed:
+            placed = place_meshes(context, made, self.settings(), in_place=in_place)
+            for made_object, source in placed:
                 # A result that was subdivided is the source of its copy, or came from nothing any more.
-                result_record.forget(each.user)
+                result_record.forget(made_object)
                 if not in_place:
-                    out_of_date.remember_made(each.user, each.source, settings, each.user.data.materials)
+                    out_of_date.remember_made(made_object, source, settings, made_object.data.materials)
             if is_editing:
-                edited[:] = [each.user.session_uid for each in placed]
+                edited[:] = [made_object.session_uid for made_object, _ in placed]
         heat_map.show(context, Shown.DISTANCE)
         self.report_skipped(context)
-        self.report_made(made, notes, [each.user for each in placed])
+        self.report_made(made, notes, [made_object for made_object, _ in placed])
         return {"FINISHED"}
 
     def _progress_text(self, faces: float) -> str:

@@ -4,11 +4,10 @@ results that there are already, which keep everything but their meshes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import bpy
 import numpy as np
@@ -43,16 +42,14 @@ class NewMesh:
     depths: NDArray[np.int32]
 
 
-class Placed(NamedTuple):
-    """An object that has a result, and the object this was made from."""
+@dataclass
+class _Place:
+    """A mesh to place. users: the objects that get it, and sources: what it was made from for each of them."""
 
-    user: bpy.types.Object
-    source: bpy.types.Object
-
-
-# What gives meshes to the objects that each is for, which are returned as they are then; undone with the stack.
-ObjectGroups = list[list[bpy.types.Object]]
-Placing = Callable[[bpy.types.Context, ObjectGroups, list[bpy.types.Mesh], ExitStack], ObjectGroups]
+    made: NewMesh
+    mesh: bpy.types.Mesh
+    users: list[bpy.types.Object]
+    sources: list[bpy.types.Object]
 
 
 def make_meshes(
@@ -82,33 +79,46 @@ def make_meshes(
 
 def place_meshes(
     context: bpy.types.Context, made: list[NewMesh], settings: AdaptiveSettings, *, in_place: bool
-) -> list[list[Placed]]:
-    """Put meshes in the place of those they were made from, or beside them: see ``place``."""
-    return place(context, made, partial(_place_instead if in_place else _place_all_beside, settings))
+) -> list[tuple[bpy.types.Object, bpy.types.Object]]:
+    """Put meshes in the place of those they were made from, or in new objects beside the originals, which are hidden.
 
-
-def place(context: bpy.types.Context, made: list[NewMesh], placing: Placing) -> list[list[Placed]]:
-    """Put meshes where they belong, all or none; returns who has each of them, in the order of the task's targets.
-
-    Raises ComputeError when an object is no longer what it was; whatever goes wrong, the meshes are removed and nothing
-    is changed.
+    All or none; returns each object that has a result, and its source. Raises ComputeError, with nothing changed and
+    the meshes removed, when an object is no longer what it was.
     """
+    with _placing(context, made) as (places, undo):
+        if in_place:
+            _place_instead(places, settings, undo)
+        else:
+            layer_objects = context.view_layer.objects
+            undo.callback(setattr, layer_objects, "active", layer_objects.active)
+            for place in places:
+                place.users = [_place_beside(context, each, place.mesh, settings, undo) for each in place.users]
+    return [pair for place in places for pair in zip(place.users, place.sources, strict=True)]
+
+
+@contextmanager
+def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[list[_Place], ExitStack]]:
+    """The meshes to place within this context, and a stack that undoes it where it fails: the meshes are removed then.
+    Afterwards their dependencies are recorded. Raises ComputeError when an object is no longer what it was."""
     meshes = meshes_with(each.mesh_uid for each in made)
     try:
-        sources = [_sources(each.result) for each in made]
-        originals = [[still_there((name, None)) for name in each.result.task.object_names] for each in made]
+        places = [
+            _Place(
+                each, mesh, [still_there((name, None)) for name in each.result.task.object_names], _sources(each.result)
+            )
+            for each, mesh in zip(made, meshes, strict=True)
+        ]
         with ExitStack() as undo:
-            users = placing(context, originals, meshes, undo)
+            yield places, undo
             undo.pop_all()
     except BaseException:
         bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
         raise
     # New objects have no matrix before.
     context.view_layer.update()
-    for each, mesh, group in zip(made, meshes, users, strict=True):
-        states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in group]
-        out_of_date.remember_depths(mesh, each.geometry, each.depths, states)
-    return [[Placed(*pair) for pair in zip(*groups, strict=True)] for groups in zip(users, sources, strict=True)]
+    for place in places:
+        states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in place.users]
+        out_of_date.remember_depths(place.mesh, place.made.geometry, place.made.depths, states)
 
 
 def _sources(answer: AdaptiveResult) -> list[bpy.types.Object]:
@@ -140,29 +150,22 @@ def _make_mesh(
     return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths)
 
 
-def _place_instead(
-    settings: AdaptiveSettings,
-    _context: bpy.types.Context,
-    originals: ObjectGroups,
-    meshes: list[bpy.types.Mesh],
-    undo: ExitStack,
-) -> ObjectGroups:
+def _place_instead(places: list[_Place], settings: AdaptiveSettings, undo: ExitStack) -> None:
     """Let each mesh take the place of that of its objects."""
-    old = [found[0].data for found in originals]
+    old = [place.users[0].data for place in places]
     names = [mesh.name for mesh in old]
-    for found, mesh in zip(originals, meshes, strict=True):
-        give_mesh(mesh, found, undo)
+    for place in places:
+        _give_mesh(place.mesh, place.users, undo)
     # What follows cannot be undone; of objects that are this file's own it does not fail.
-    for found in originals:
-        for original in found:
-            _remove_applied_modifiers(original, settings)
+    for place in places:
+        for user in place.users:
+            _remove_applied_modifiers(user, settings)
     bpy.data.batch_remove([mesh for mesh in dict.fromkeys(old) if not mesh.users])
-    for mesh, name in zip(meshes, names, strict=True):
-        mesh.name = name
-    return originals
+    for place, name in zip(places, names, strict=True):
+        place.mesh.name = name
 
 
-def give_mesh(mesh: bpy.types.Mesh, users: Iterable[bpy.types.Object], undo: ExitStack) -> None:
+def _give_mesh(mesh: bpy.types.Mesh, users: Iterable[bpy.types.Object], undo: ExitStack) -> None:
     """Let objects use a mesh. Raises ComputeError when one does not take it."""
     for user in users:
         undo.callback(setattr, user, "data", user.data)
@@ -170,22 +173,6 @@ def give_mesh(mesh: bpy.types.Mesh, users: Iterable[bpy.types.Object], undo: Exi
         # In Edit Mode Blender says nothing, and does nothing.
         if user.data != mesh:
             raise ComputeError(CHANGED)
-
-
-def _place_all_beside(
-    settings: AdaptiveSettings,
-    context: bpy.types.Context,
-    originals: ObjectGroups,
-    meshes: list[bpy.types.Mesh],
-    undo: ExitStack,
-) -> ObjectGroups:
-    """Make objects with the meshes beside the originals, which are hidden."""
-    layer_objects = context.view_layer.objects
-    undo.callback(setattr, layer_objects, "active", layer_objects.active)
-    return [
-        [_place_beside(context, original, mesh, settings, undo) for original in found]
-        for found, mesh in zip(originals, meshes, strict=True)
-    ]
 
 
 def _place_beside(
@@ -224,41 +211,33 @@ def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bo
 def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: dict[str, Any]) -> list[str]:
     """Give each mesh to its results, and to the objects that share their mesh; returns notes for the user. Raises
     ComputeError, with nothing changed, when an object is no longer what it was."""
-    notes: list[str] = []
-    cleared: list[bool] = []
-    from_source: list[list[bpy.types.Material | None]] = []
-
-    def placing(
-        _context: bpy.types.Context, updated: ObjectGroups, meshes: list[bpy.types.Mesh], undo: ExitStack
-    ) -> ObjectGroups:
-        old = [group[0].data for group in updated]
-        cleared.extend(not results.has_result(mesh) for mesh in old)
-        edited = [group[0].data for group in updated if result_record.is_edited(group[0])]
-        for mesh, group in zip(meshes, _with_sharing(updated), strict=True):
-            from_source.append(list(mesh.materials))
-            _keep_materials(mesh, group)
-            give_mesh(mesh, group, undo)
+    with _placing(context, made) as (places, undo):
+        old = [place.users[0].data for place in places]
+        cleared = [not results.has_result(mesh) for mesh in old]
+        edited = [place.users[0].data for place in places if result_record.is_edited(place.users[0])]
+        materials = [list(place.mesh.materials) for place in places]
+        for place, users in zip(places, _with_sharing(places), strict=True):
+            _keep_materials(place.mesh, users)
+            _give_mesh(place.mesh, users, undo)
         # What follows cannot be undone, and does not fail.
-        notes.extend(_take_places(meshes, old, edited, updated))
-        # The tolerance is proved for these alone, and not for objects of other scales that share their meshes.
-        return updated
-
-    for group, materials, was_cleared in zip(place(context, made, placing), from_source, cleared, strict=True):
+        notes = _take_places(places, old, edited)
+    # The tolerance is proved for these alone, and not for objects of other scales that share their meshes.
+    for place, from_source, was_cleared in zip(places, materials, cleared, strict=True):
         if was_cleared:
-            results.clear(group[0].user.data)
-        for each in group:
-            out_of_date.remember_made(each.user, each.source, settings, materials)
+            results.clear(place.mesh)
+        for user, source in zip(place.users, place.sources, strict=True):
+            out_of_date.remember_made(user, source, settings, from_source)
     return notes
 
 
-def _with_sharing(results: ObjectGroups) -> ObjectGroups:
+def _with_sharing(places: list[_Place]) -> list[list[bpy.types.Object]]:
     """The results, each with objects that share its mesh and are to go on doing so."""
-    named = {result for group in results for result in group}
+    named = {user for place in places for user in place.users}
     sharing: dict[bpy.types.Mesh, list[bpy.types.Object]] = {}
     for other in bpy.data.objects:
         if other.type == "MESH" and other not in named and other.is_editable:
             sharing.setdefault(other.data, []).append(other)
-    return [[*group, *sharing.pop(group[0].data, [])] for group in results]
+    return [[*place.users, *sharing.pop(place.users[0].data, [])] for place in places]
 
 
 def _keep_materials(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> None:
@@ -276,26 +255,23 @@ def _keep_materials(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> 
 
 
 def _take_places(
-    meshes: Sequence[bpy.types.Mesh],
-    old: Sequence[bpy.types.Mesh],
-    edited: Sequence[bpy.types.Mesh],
-    results: ObjectGroups,
+    places: Sequence[_Place], old: Sequence[bpy.types.Mesh], edited: Sequence[bpy.types.Mesh]
 ) -> list[str]:
     """Remove the meshes that nothing uses any more, keep those that a user edited, and give their names to the new
     ones; returns what to tell of it. A mesh whose place several took gives its name to the first."""
     notes = []
-    groups = {before: (mesh, group[0]) for mesh, before, group in reversed([*zip(meshes, old, results, strict=True)])}
-    for before, (mesh, result) in groups.items():
+    first = dict(reversed([*zip(old, places, strict=True)]))
+    for before, place in first.items():
         if before.users or not is_writable(before):
             continue
         name = before.name
         if before in edited:
             before.name = f"Edited {name}"
             before.use_fake_user = True
-            notes.append(f"{result.name}: the edited mesh is kept as “{before.name}”")
+            notes.append(f"{place.users[0].name}: the edited mesh is kept as “{before.name}”")
         else:
             bpy.data.meshes.remove(before)
-        mesh.name = name
+        place.mesh.name = name
     return notes
 
 
