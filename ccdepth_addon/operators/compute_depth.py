@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compute Depth."""
 
-from contextlib import ExitStack
 from functools import partial
 from typing import ClassVar
 
@@ -13,7 +12,7 @@ from ..state import heat_map, out_of_date, properties, results
 from ..state.heat_map import Shown
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
-from ..tasks.surfaces import Surface, naming
+from ..tasks.surfaces import Surface
 from ..ui.printable import printable
 from .job import Steps, Work
 from .long_operator import LongOperator
@@ -37,15 +36,10 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
             typed_frames(settings.frames)
         work = yield from prepare_depths(context, objects, settings)
         answers = yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0)
-        meshes = [_mesh_still_there(each) for each in answers]
-        with ExitStack() as undo:
-            for each, mesh in zip(answers, meshes, strict=True):
-                with naming(each.task.object_names[0]):
-                    results.write_depths(mesh, each, undo)
-            undo.pop_all()
-        for each, mesh in zip(answers, meshes, strict=True):
-            results.write_record(mesh, each, settings)
-            out_of_date.remember_depths(mesh, each.task.geometry, each.depths, each.task.states)
+        holders = [_still_there(each) for each in answers]
+        results.write_depths(holders, answers, settings)
+        for each, holder in zip(answers, holders, strict=True):
+            out_of_date.remember_depths(holder.data, each.task.geometry, each.depths, each.task.states)
         heat_map.show(context, Shown.DEPTH)
         self._report(context, answers)
         return {"FINISHED"}
@@ -64,11 +58,11 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
         self.report({"INFO"}, f"{meshes}{faces}, deepest depth {worst.deepest}{at_frame}")
 
 
-def _mesh_still_there(answer: MeshDepths) -> bpy.types.Mesh:
-    """The mesh of the answer. Raises ComputeError when it or one of its objects has changed meanwhile."""
+def _still_there(answer: MeshDepths) -> bpy.types.Object:
+    """An object with the mesh of the answer. Raises ComputeError when it or another one has changed meanwhile."""
     task = answer.task
     users = [still_there((name, None), task.mesh_uid, task.face_count) for name in task.object_names]
-    return users[0].data
+    return users[0]
 
 
 def _modifier_notes(answer: MeshDepths) -> list[str]:

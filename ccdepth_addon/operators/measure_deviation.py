@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from functools import partial
 from typing import ClassVar
 
@@ -46,13 +45,8 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         with naming(task.surface.object_name):
             answers = yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
         holders = [_still_there(each) for each in answers]
-        with ExitStack() as undo:
-            for each, measured in zip(answers, holders, strict=True):
-                with naming(measured.name):
-                    results.write_deviations(measured.data, each, undo)
-            undo.pop_all()
+        results.write_deviations(holders, answers, settings)
         for each, measured in zip(answers, holders, strict=True):
-            results.write_measurement(measured.data, each, settings)
             out_of_date.remember_measurement(measured, bpy.data.objects[each.against])
         heat_map.show(context, Shown.DEVIATION)
         self.report_skipped(context)

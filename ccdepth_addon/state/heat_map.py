@@ -83,15 +83,10 @@ def on_scale(kind: Shown, values: Values) -> NDArray[np.float32]:
     return (values.clip(0, LAST_DEPTH) if kind is Shown.DEPTH else values).astype(np.float32)
 
 
-def face_colors(
-    mesh: bpy.types.Mesh, kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup
-) -> NDArray[np.float32]:
-    """(F, 4) linear, opaque: the colours of the values on the mesh."""
+def write_colors(mesh: bpy.types.Mesh, kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup) -> None:
+    """Write the colours of the values to the mesh as a colour attribute, linear and opaque, in Object Mode. Raises
+    WriteError, with nothing changed."""
     values = on_scale(kind, read_face_values(mesh, kind.values))
     linear = to_linear(scale_colors(values / np.float32(top(kind, tolerance, settings))))
-    return np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
-
-
-def write_colors(mesh: bpy.types.Mesh, kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup) -> None:
-    """Write the colours to the mesh as a colour attribute, in Object Mode. Raises WriteError, with nothing changed."""
-    result_attributes.write_colors(mesh, face_colors(mesh, kind, tolerance, settings))
+    colors = np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
+    result_attributes.write_colors(mesh, colors)

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 import numpy as np
@@ -17,6 +19,7 @@ from ..exchange.result_attributes import (
     BOUND_KIND,
     DEPTH_KIND,
     DEVIATION_KIND,
+    AttributeKind,
     has_values,
     remove_all,
     rounded_up,
@@ -25,17 +28,12 @@ from ..exchange.result_attributes import (
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
-from ..tasks.surfaces import SurfaceSettings
-
-
-def has_depths(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh has depths, with a record of ours or without."""
-    return has_values(mesh, DEPTH_KIND)
+from ..tasks.surfaces import SurfaceSettings, naming
 
 
 def has_result(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds depths of ours; undo in Edit Mode can remove them and leave their record."""
-    return mesh.ccdepth.has_result and has_depths(mesh)
+    return mesh.ccdepth.has_result and has_values(mesh, DEPTH_KIND)
 
 
 def has_deviation(mesh: bpy.types.Mesh) -> bool:
@@ -58,17 +56,33 @@ def has_traces(mesh: bpy.types.Mesh) -> bool:
     return mesh.ccdepth.has_result or mesh.ccdepth.has_deviation or any(has_values(mesh, kind) for kind in ATTRIBUTES)
 
 
-def write_depths(mesh: bpy.types.Mesh, answer: MeshDepths, undo: ExitStack) -> None:
-    """Write the answer to its mesh as attributes.
-
-    undo: when it is closed, the mesh has its old attributes again. Raises WriteError, with nothing changed, when
-    Blender does not keep them.
-    """
-    write_face_values(mesh, {DEPTH_KIND: answer.depths, BOUND_KIND: rounded_up(answer.bounds)}, undo)
+def write_depths(holders: Sequence[bpy.types.Object], answers: Sequence[MeshDepths], settings: DepthSettings) -> None:
+    """Write answers with their records to the meshes of these objects, all or none. Raises ComputeError."""
+    _write_all(holders, [{DEPTH_KIND: each.depths, BOUND_KIND: rounded_up(each.bounds)} for each in answers])
+    for holder, answer in zip(holders, answers, strict=True):
+        _write_record(holder.data, answer, settings)
 
 
-def write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings) -> None:
-    """Write the record of the answer to its mesh, which has the attributes."""
+def write_deviations(
+    holders: Sequence[bpy.types.Object], answers: Sequence[MeshDeviation], settings: MeasureSettings
+) -> None:
+    """Write answers with their records to the meshes of these objects, all or none. Raises ComputeError."""
+    _write_all(holders, [{DEVIATION_KIND: rounded_up(each.deviations)} for each in answers])
+    for holder, answer in zip(holders, answers, strict=True):
+        _write_measurement(holder.data, answer, settings)
+
+
+def _write_all(holders: Sequence[bpy.types.Object], columns: Sequence[Mapping[AttributeKind, NDArray[Any]]]) -> None:
+    """Write attributes of faces, (F,) each, to the meshes of objects, all or none. Raises ComputeError when Blender
+    does not keep them."""
+    with ExitStack() as undo:
+        for holder, values in zip(holders, columns, strict=True):
+            with naming(holder.name):
+                write_face_values(holder.data, values, undo)
+        undo.pop_all()
+
+
+def _write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings) -> None:
     record = _new_record(mesh, answer.depths, settings)
     record.world_tolerance = answer.world_tolerance
     record.largest_bound = float(rounded_up(answer.bounds).max(initial=0.0))
@@ -122,16 +136,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     return record
 
 
-def write_deviations(mesh: bpy.types.Mesh, answer: MeshDeviation, undo: ExitStack) -> None:
-    """Write the answer to its mesh as an attribute.
-
-    undo: when it is closed, the mesh has its old attributes again. Raises WriteError, with nothing changed, when
-    Blender does not keep them.
-    """
-    write_face_values(mesh, {DEVIATION_KIND: rounded_up(answer.deviations)}, undo)
-
-
-def write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings) -> None:
+def _write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings) -> None:
     """Write the record of the answer to its mesh, which has the attribute."""
     record = mesh.ccdepth
     record.has_deviation = record.shows_deviation = True

@@ -96,11 +96,12 @@ def test_the_tolerance_is_met_or_not_or_nothing_is_decided(capfd: pytest.Capture
 
 def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     """A third is between two numbers of single precision."""
-    mesh, third = subdivided_cube().data, 1.0 / 3.0
-    tasks, write = addon.module("tasks.deviation_task"), addon.module("state.results").write_measurement
-    answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, np.zeros(6), third, third, True, False, 0, np.zeros(3))
-    write(mesh, answer, tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0))
-    record = mesh.ccdepth
+    holder, third = subdivided_cube(), 1.0 / 3.0
+    tasks, write = addon.module("tasks.deviation_task"), addon.module("state.results").write_deviations
+    faces = np.zeros(len(holder.data.polygons))
+    answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, faces, third, third, True, False, 0, np.zeros(3))
+    write([holder], [answer], tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0))
+    record = holder.data.ccdepth
     assert record.deviation_reached < third < record.deviation
 
 
