@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import Enum, auto
-from itertools import pairwise
 from math import cos, radians, sin
 from pathlib import Path
 from typing import Any
@@ -27,10 +26,10 @@ from ..exchange.evaluated import Evaluated, evaluated
 from ..exchange.modifiers import counted_modifiers
 from ..exchange.result_attributes import has_values
 from ..state import heat_map, results
-from ..state.colors import BEYOND, scale_colors, to_linear
+from ..state.colors import to_linear
 from ..state.heat_map import Shown
 from ..ui.legend_contents import Color, Legend, legend
-from ..ui.legend_layout import Rectangle, Style, column
+from ..ui.legend_layout import Style, column
 from .blender_calls import CommandError, temporary_data
 from .picture_materials import emission_material, give_material, surface_material
 
@@ -53,8 +52,6 @@ TITLE_SIZE = 44
 TEXT_SIZE = 24
 # How much larger the legend is than in the 3D View, and how wide a letter is in its font, as a part of its size.
 LEGEND_SIZE, LETTER_WIDTH = 2.2, 0.55
-# So many that halves and quarters are among them.
-SCALE_STEPS = 101
 
 BACKGROUND_COLOR = (0.035, 0.036, 0.040)
 TITLE_COLOR = (0.90, 0.90, 0.90)
@@ -237,16 +234,11 @@ def _add_legend(scene: bpy.types.Scene, wanted: Legend) -> None:
     largest = column(wanted, LEGEND_SIZE, _width)
     room = min(1.0, LEGEND_WIDTH / largest.width, (HEIGHT - 2 * MARGIN) / largest.height)
     layout = column(wanted, LEGEND_SIZE * room, _width)
-    swatches = [*layout.swatches, *([] if layout.beyond is None else [(layout.beyond, BEYOND)])]
-    if layout.ramp is not None:
-        left, bottom, right, top = layout.ramp
-        steps = pairwise(np.linspace(bottom, top, SCALE_STEPS + 1).tolist())
-        colors = scale_colors(np.linspace(0.0, 1.0, SCALE_STEPS)).tolist()
-        swatches += [
-            (Rectangle(left, low, right, high), color) for (low, high), color in zip(steps, colors, strict=True)
-        ]
     x, y = WIDTH - MARGIN - layout.width, (HEIGHT - layout.height) / 2
-    filled = [*((place, _linear(color)) for place, color in swatches), *((tick, TEXT_COLOR) for tick in layout.ticks)]
+    filled = [
+        *((place, _linear(color)) for place, color in layout.swatches),
+        *((tick, TEXT_COLOR) for tick in layout.ticks),
+    ]
     for (left, bottom, right, top), color in filled:
         _add_rectangle(scene, x + left, y + bottom, x + right, y + top, color)
     for text, along, up, style, ends_there in layout.texts:

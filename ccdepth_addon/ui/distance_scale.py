@@ -23,16 +23,8 @@ class Mark:
     note: str = ""
 
 
-@dataclass(frozen=True)
-class Scale:
-    """marks: from the lowest to the highest. has_beyond: whether there are distances beyond the last colour."""
-
-    marks: list[Mark]
-    has_beyond: bool
-
-
-def distance_scale(top: Decimal, tolerance: Decimal, gap: float, *, has_beyond: bool) -> Scale:
-    """A scale up to ``top``. gap: what a number takes, as a part of its height."""
+def distance_marks(top: Decimal, tolerance: Decimal, gap: float) -> list[Mark]:
+    """The marks of a scale up to ``top``, from the lowest on. gap: what a number takes, as a part of the height."""
     wanted = [(tolerance, TOLERANCE)] if tolerance <= top else []
     wanted += [(top, ""), *((number, "") for number in round_numbers(top))]
     marks: list[Mark] = []
@@ -40,7 +32,7 @@ def distance_scale(top: Decimal, tolerance: Decimal, gap: float, *, has_beyond: 
         height = float(number / top)
         if all(abs(height - other.height) >= gap for other in marks):
             marks.append(Mark(height, number_text(number), note))
-    return Scale(sorted(marks, key=lambda mark: mark.height), has_beyond)
+    return sorted(marks, key=lambda mark: mark.height)
 
 
 def round_numbers(top: Decimal) -> list[Decimal]:

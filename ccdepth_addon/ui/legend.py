@@ -7,6 +7,7 @@ panel Adjust Last Operation. In Quad View the lower right view has the legend.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from time import monotonic
 from typing import Any, NamedTuple
 
@@ -19,7 +20,6 @@ from mathutils import Vector
 
 from ..registration import do_not_call
 from ..state import viewports
-from ..state.colors import BEYOND, RAMP_COLORS
 from ..state.heat_map import Shown, shown
 from ..state.still_holds import measured_to_show
 from .deviation_panel import stale_line
@@ -122,14 +122,18 @@ def _obstacles(context: bpy.types.Context, window: bpy.types.Region, scale: floa
 
 
 def _draw_layout(layout: Layout, place: Rectangle) -> None:
-    _draw_rectangle(place, BACKGROUND_COLOR)
-    beyond = [] if layout.beyond is None else [(layout.beyond, BEYOND)]
-    for swatch, color in [*layout.swatches, *beyond]:
-        _draw_rectangle(_moved(swatch, place), (*color, 1.0))
-    if layout.ramp is not None:
-        _draw_ramp(_moved(layout.ramp, place))
-    for tick in layout.ticks:
-        _draw_rectangle(_moved(tick, place), COLORS[Style.TEXT])
+    left, bottom = round(place.left), round(place.bottom)
+    filled = [
+        (Rectangle(0, 0, layout.width, layout.height), BACKGROUND_COLOR),
+        *((swatch, (*color, 1.0)) for swatch, color in layout.swatches),
+        *((tick, COLORS[Style.TEXT]) for tick in layout.ticks),
+    ]
+    _draw_rectangles(
+        [
+            (Rectangle(each.left + left, each.bottom + bottom, each.right + left, each.top + bottom), color)
+            for each, color in filled
+        ]
+    )
     blf.size(FONT, layout.font_size)
     for text in layout.texts:
         x = text.x - (blf.dimensions(FONT, text.text)[0] if text.ends_there else 0.0)
@@ -138,27 +142,9 @@ def _draw_layout(layout: Layout, place: Rectangle) -> None:
         blf.draw(FONT, text.text)
 
 
-def _moved(rectangle: Rectangle, place: Rectangle) -> Rectangle:
-    left, bottom = round(place.left), round(place.bottom)
-    return Rectangle(left + rectangle.left, bottom + rectangle.bottom, left + rectangle.right, bottom + rectangle.top)
-
-
 def _width(text: str, size: float) -> float:
     blf.size(FONT, size)
     return float(blf.dimensions(FONT, text)[0])
-
-
-def _draw_ramp(place: Rectangle) -> None:
-    """All colours of the scale, from below."""
-    corners, colors, triangles = [], [], []
-    for index, color in enumerate(RAMP_COLORS.tolist()):
-        y = place.bottom + (place.top - place.bottom) * index / (len(RAMP_COLORS) - 1)
-        corners += [(place.left, y), (place.right, y)]
-        colors += 2 * [(*color, 1.0)]
-    for first in range(0, len(corners) - 2, 2):
-        triangles += [(first, first + 1, first + 3), (first, first + 3, first + 2)]
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    batch_for_shader(shader, "TRIS", {"pos": corners, "color": colors}, indices=triangles).draw(shader)
 
 
 def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
@@ -177,7 +163,7 @@ def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
     width, height = blf.dimensions(FONT, text)
     padding, left, bottom = PADDING * scale, place.x + REACH * scale, place.y + REACH * scale
     box = Rectangle(left - padding, bottom - padding, left + width + padding, bottom + height + padding)
-    _draw_rectangle(box, BACKGROUND_COLOR)
+    _draw_rectangles([(box, BACKGROUND_COLOR)])
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     for color, wide in ((BACKGROUND_COLOR, 3.0), (COLORS[Style.TEXT], 1.0)):
         gpu.state.line_width_set(wide * scale)
@@ -189,13 +175,14 @@ def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
     blf.draw(FONT, text)
 
 
-def _draw_rectangle(place: Rectangle, color: Color) -> None:
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    left, bottom, right, top = place
-    corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
-    batch = batch_for_shader(shader, "TRIS", {"pos": corners}, indices=[(0, 1, 2), (0, 2, 3)])
+def _draw_rectangles(filled: Sequence[tuple[Rectangle, Color]]) -> None:
+    """Draw rectangles of one colour (red, green, blue, alpha) each, one over the other."""
+    corners = [corner for (a, b, c, d), _ in filled for corner in ((a, b), (c, b), (c, d), (a, d))]
+    colors = [color for _, color in filled for _ in range(4)]
+    triangles = [(first, first + one, first + one + 1) for first in range(0, len(corners), 4) for one in (1, 2)]
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    batch = batch_for_shader(shader, "TRIS", {"pos": corners, "color": colors}, indices=triangles)
     gpu.state.blend_set("ALPHA")
-    shader.uniform_float("color", color)
     batch.draw(shader)
     gpu.state.blend_set("NONE")
 

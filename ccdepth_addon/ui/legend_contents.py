@@ -12,7 +12,7 @@ import bpy
 from ..state.colors import LAST_DEPTH, depth_colors
 from ..state.heat_map import Shown, tolerance_of, top
 from . import deviation_panel, panels
-from .distance_scale import Scale, distance_scale
+from .distance_scale import Mark, distance_marks
 from .lengths import Rounding, in_unit, length_text, unit_for
 from .selected_results import faces_by_depth, lengths_text
 
@@ -33,14 +33,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Legend:
-    """notes: lines below the title. alert: a line in red. rows: the deepest depths first. scale: of distances, for
-    numbers of a height that is given as a part of the scale's."""
+    """notes: lines below the title. alert: a line in red. rows: the deepest depths first. marks: of a scale of
+    distances, for numbers of a height that is given as a part of the scale's. has_beyond: whether there are distances
+    beyond the last colour."""
 
     title: str
     notes: list[str]
     alert: str = ""
     rows: list[Row] = field(default_factory=list)
-    scale: Callable[[float], Scale] | None = None
+    marks: Callable[[float], list[Mark]] | None = None
+    has_beyond: bool = False
 
 
 def legend(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Object]) -> Legend:
@@ -80,7 +82,6 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
     the largest distance."""
     largest = max(found.values())
     tops = {top(kind, tolerance, scene.ccdepth) for tolerance in found}
-    has_beyond = any(length > top(kind, tolerance, scene.ccdepth) for tolerance, length in found.items())
     unit = unit_for(scene, max(tops))
     if len(tops) == 1:
         [last] = tops
@@ -91,7 +92,8 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
         f"{plain.title} ({name})" if name else plain.title,
         [*plain.notes, *([f"Largest {length_text(scene, largest, Rounding.UP)}"] if largest else [])],
         plain.alert,
-        scale=lambda gap: distance_scale(*ends, gap, has_beyond=has_beyond),
+        marks=lambda gap: distance_marks(*ends, gap),
+        has_beyond=any(length > top(kind, tolerance, scene.ccdepth) for tolerance, length in found.items()),
     )
 
 

@@ -6,8 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from itertools import pairwise
 from typing import NamedTuple
 
+import numpy as np
+
+from ..state.colors import BEYOND, scale_colors
 from .distance_scale import TOLERANCE
 from .legend_contents import Color, Legend
 
@@ -23,6 +27,9 @@ SWATCH_WIDTH = 18
 GAP = 12
 SCALE_HEIGHT = 180
 TICK_WIDTH = 5
+
+# So many colours of the scale that halves and quarters are among them.
+SCALE_STEPS = 101
 
 # How far a legend shrinks where there is no room for it.
 SIZES = (1.0, 0.85, 0.7)
@@ -67,8 +74,7 @@ class PlacedText(NamedTuple):
 class Layout:
     """A legend laid out, from its left bottom corner.
 
-    swatches: rectangles of one colour. ramp: the rectangle of all colours of the scale, from below. beyond: that of the
-    colour beyond it. ticks: rectangles in the colour of text.
+    swatches: rectangles of one colour each, the scale's from below. ticks: rectangles in the colour of text.
     """
 
     size: float
@@ -76,8 +82,6 @@ class Layout:
     height: float = 0.0
     texts: list[PlacedText] = field(default_factory=list)
     swatches: list[tuple[Rectangle, Color]] = field(default_factory=list)
-    ramp: Rectangle | None = None
-    beyond: Rectangle | None = None
     ticks: list[Rectangle] = field(default_factory=list)
 
     @property
@@ -133,7 +137,7 @@ def column(legend: Legend, size: float, measure: Measure) -> Layout:
         return measure(text, layout.font_size)
 
     least = max(width(text) for text, _ in lines)
-    base = _add_rows(layout, legend, least, width) if legend.scale is None else _add_scale(layout, legend, least, width)
+    base = _add_rows(layout, legend, least, width) if legend.marks is None else _add_scale(layout, legend, least, width)
     padding, line = layout.pixels(PADDING), layout.pixels(LINE_HEIGHT)
     for text, style in reversed(lines):
         layout.write(text, padding, base, style)
@@ -163,24 +167,28 @@ def _add_rows(layout: Layout, legend: Legend, least: float, width: Callable[[str
 
 def _add_scale(layout: Layout, legend: Legend, least: float, width: Callable[[str], float]) -> int:
     """Add the colours as a bar, with numbers on the right; returns where the next line begins."""
-    assert legend.scale is not None
+    assert legend.marks is not None
     padding, line, swatch, gap = map(layout.pixels, (PADDING, LINE_HEIGHT, SWATCH_WIDTH, GAP))
     bar, tick = layout.pixels(SCALE_HEIGHT), layout.pixels(TICK_WIDTH)
-    scale = legend.scale(line / bar)
+    marks = legend.marks(line / bar)
     left, right, bottom = padding, padding + swatch, padding + line // 2
-    numbers_end = right + gap + max(width(mark.number) for mark in scale.marks)
-    notes = max(width(mark.note) for mark in scale.marks)
+    numbers_end = right + gap + max(width(mark.number) for mark in marks)
+    notes = max(width(mark.note) for mark in marks)
     layout.width = max(least + 2 * padding, numbers_end + gap // 2 + notes + padding)
-    layout.ramp = Rectangle(left, bottom, right, bottom + bar)
-    for mark in scale.marks:
+    steps = pairwise(np.linspace(bottom, bottom + bar, SCALE_STEPS + 1).tolist())
+    colors = map(tuple, scale_colors(np.linspace(0.0, 1.0, SCALE_STEPS)).tolist())
+    layout.swatches += [
+        (Rectangle(left, low, right, high), color) for (low, high), color in zip(steps, colors, strict=True)
+    ]
+    for mark in marks:
         y = bottom + round(mark.height * bar)
         # The tolerance is marked across the whole bar.
         layout.ticks.append(Rectangle(left if mark.note == TOLERANCE else right, y - 1, right + tick, y + 1))
         layout.write(mark.number, numbers_end, y - line // 2, ends=True)
         layout.write(mark.note, numbers_end + gap // 2, y - line // 2, Style.HEADING)
     highest = bottom + bar + line // 2
-    if scale.has_beyond:
-        layout.beyond = Rectangle(left, highest, right, highest + line)
+    if legend.has_beyond:
+        layout.swatches.append((Rectangle(left, highest, right, highest + line), BEYOND))
         layout.write("beyond", right + gap, highest, Style.HEADING)
         highest += line
     return highest + line // 4

@@ -134,14 +134,14 @@ def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance() -> None:
     assert legend.title == "Proved Distance (m)"
     assert legend.notes[:2] == ["for 0.03 m", result.name]
     assert float(legend.notes[2].split()[1]) == pytest.approx(record.largest_bound, rel=1e-3)
-    scale = legend.scale(0.1)
-    assert [(mark.number, mark.note) for mark in scale.marks][-1] == ("0.03", "tolerance")
-    assert not scale.has_beyond
+    assert [(mark.number, mark.note) for mark in legend.marks(0.1)][-1] == ("0.03", "tolerance")
+    assert not legend.has_beyond
     settings.distance_range, settings.distance_top = "FIXED", 0.01
-    scale = shown_legend().scale(0.1)
-    assert scale.marks[-1].number == "0.01"
-    assert scale.has_beyond
-    assert not any(mark.note for mark in scale.marks)
+    legend = shown_legend()
+    marks = legend.marks(0.1)
+    assert marks[-1].number == "0.01"
+    assert legend.has_beyond
+    assert not any(mark.note for mark in marks)
 
 
 def test_tolerances_that_differ_are_told_in_parts() -> None:
@@ -149,7 +149,7 @@ def test_tolerances_that_differ_are_told_in_parts() -> None:
     addon.select(*subdivide(*sources, tolerance_mode="RELATIVE", tolerance=0.01))
     legend = shown_legend()
     assert legend.title == "Proved Distance (%)"
-    assert [mark.number for mark in legend.scale(0.1).marks] == ["0", "20", "40", "60", "80", "100"]
+    assert [mark.number for mark in legend.marks(0.1)] == ["0", "20", "40", "60", "80", "100"]
 
 
 # The layout, with texts as wide as letters of one width would be
@@ -178,9 +178,9 @@ def depths(count: int = 9) -> Any:
 
 
 def distances(*, beyond: bool = False) -> Any:
-    marks = [distance_scale.Mark(0.0, "0.0"), distance_scale.Mark(0.6, "0.3", "tolerance")]
-    scale = distance_scale.Scale([*marks, distance_scale.Mark(1.0, "0.5")], beyond)
-    return contents.Legend("Deviation (m)", [TOLERANCE, "Suzanne"], scale=lambda _gap: scale)
+    mark = distance_scale.Mark
+    marks = [mark(0.0, "0.0"), mark(0.6, "0.3", "tolerance"), mark(1.0, "0.5")]
+    return contents.Legend("Deviation (m)", [TOLERANCE, "Suzanne"], marks=lambda _gap: marks, has_beyond=beyond)
 
 
 def obstacles(region: tuple[int, int], scale: float, *names: str) -> list[Any]:
@@ -223,7 +223,7 @@ def test_everything_is_inside_and_nothing_is_over_anything_else(legend: Any) -> 
         assert (where.right - where.left, where.top - where.bottom) == pytest.approx((found.width, found.height))
         assert is_inside(where, *region)
         assert not any(where.overlaps(each) for each in obstacles(region, scale, *names))
-        places = [*(each for each, _ in found.swatches), *filter(None, (found.ramp, found.beyond))]
+        places = [each for each, _ in found.swatches]
         assert all(is_inside(each, found.width, found.height) for each in places)
         assert not any(one.overlaps(other) for one, other in combinations(places, 2))
         written = [(text, extent(text, found.font_size)) for text in found.texts if text.text]

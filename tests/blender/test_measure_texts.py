@@ -124,14 +124,13 @@ def test_round_numbers_are_few_and_reach_far(top: str) -> None:
 @pytest.mark.parametrize("top", ["0.5", "1", "1.02", "3", "40"])
 def test_marks_have_room_and_the_tolerance_has_one_where_it_is_on_the_scale(top: str) -> None:
     gap = 0.1
-    for has_beyond in (False, True):
-        scale = distance_scale.distance_scale(Decimal(top), Decimal(1), gap, has_beyond=has_beyond)
-        heights = [mark.height for mark in scale.marks]
-        # Heights are rounded to double precision.
-        assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))
-        assert (min(heights), scale.has_beyond) == (0.0 if top != "40" else pytest.approx(0.025), has_beyond)
-        tolerance = [mark.height for mark in scale.marks if mark.note == "tolerance"]
-        assert tolerance == ([] if top == "0.5" else [pytest.approx(1 / float(top))])
+    marks = distance_scale.distance_marks(Decimal(top), Decimal(1), gap)
+    heights = [mark.height for mark in marks]
+    # Heights are rounded to double precision.
+    assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))
+    assert min(heights) == (0.0 if top != "40" else pytest.approx(0.025))
+    tolerance = [mark.height for mark in marks if mark.note == "tolerance"]
+    assert tolerance == ([] if top == "0.5" else [pytest.approx(1 / float(top))])
 
 
 # Work in a thread.
