@@ -3,7 +3,7 @@
 
 import bpy
 
-from ..state import out_of_date
+from ..state import watch
 from . import job
 from .apply_adaptive import CCDEPTH_OT_subdivide
 from .bake_colors import CCDEPTH_OT_bake_colors
@@ -21,7 +21,7 @@ from .select_by_depth import CCDEPTH_OT_select
 from .select_worst import CCDEPTH_OT_select_worst
 from .set_levels import CCDEPTH_OT_set_levels
 from .tolerances import CCDEPTH_OT_tolerance_preset_add, CCDEPTH_OT_use_tolerance
-from .update_result import CCDEPTH_OT_update, CCDEPTH_OT_update_kept, start_keeping_updated
+from .update_result import KEEPING_UPDATED, CCDEPTH_OT_update, CCDEPTH_OT_update_kept
 
 CLASSES = (
     CCDEPTH_OT_compute,
@@ -50,11 +50,11 @@ CLASSES = (
 def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    out_of_date.edited_source_listeners.append(start_keeping_updated)
+    watch.clients.append(KEEPING_UPDATED)
 
 
 def unregister() -> None:
-    out_of_date.edited_source_listeners.remove(start_keeping_updated)
+    watch.clients.remove(KEEPING_UPDATED)
     job.stop_all()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -149,16 +149,21 @@ def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [each for each in out_of_date.due_results() if each.is_editable and present.get(each.name) == each]
 
 
-def start_keeping_updated() -> None:
-    """Make what is due anew, in the first window whose view layer has any of it; called while Blender is idle."""
+def _start_keeping_updated() -> bool:
+    """Make what is due anew, in the first window whose view layer has any of it."""
     manager = bpy.context.window_manager
-    for window in manager.windows if manager and not bpy.app.background else ():
+    is_due = bool(out_of_date.due_results()) and not bpy.app.background
+    for window in manager.windows if manager and is_due else ():
         if any(each.bl_idname.startswith(OPERATORS_WAITED_FOR) for each in window.modal_operators):
             watch.examine_soon()
-            return
+            break
         area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
         region = next((region for region in area.regions if region.type == "WINDOW"), None) if area else None
         with bpy.context.temp_override(window=window, area=area, region=region):
             if bpy.ops.ccdepth.update_kept.poll():
                 bpy.ops.ccdepth.update_kept("INVOKE_DEFAULT", True)
-                return
+                break
+    return False
+
+
+KEEPING_UPDATED = watch.Client(examine=_start_keeping_updated)

@@ -2,8 +2,6 @@
 """The results that no longer hold, and the adaptive objects with changed sources. What was touched is examined
 when nothing has happened for a while, and the answer is kept until it is touched again. Operators that rely on a result
 examine it themselves, by the same function.
-
-Listeners are told when sources of results that are kept updated have left Edit Mode.
 """
 
 from __future__ import annotations
@@ -22,9 +20,6 @@ Answer = TypeVar("Answer")
 
 # In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its result stale.
 LARGEST_EDITED_FACE_COUNT = 200_000
-
-# Called when the source of a result that is to be kept updated has left Edit Mode changed; operators register here.
-edited_source_listeners: list[Callable[[], None]] = []
 
 # All by session identifiers. Meshes that were touched, whose results no longer hold, and that were just written to; and
 # objects that a result was not computed for.
@@ -148,9 +143,6 @@ def _examine_touched() -> bool:
     for each in bpy.data.objects if sources else ():
         if each.session_uid in sources and each.type == "MESH" and not each.data.is_editmode:
             found.append(_examine_results_of(each))
-    if due_results():
-        for listener in edited_source_listeners:
-            listener()
     return any(found)
 
 

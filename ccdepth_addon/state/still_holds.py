@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import BoolArray, FloatArray
-from ..exchange.dependencies import KnownDescriptions, ObjectState, StateAtFrame, object_state, shown_checksum
+from ..core import FloatArray
+from ..exchange.dependencies import KnownDescriptions, StateAtFrame, object_state, shown_checksum
 from ..exchange.displayed_mesh import shown_modifiers
 from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_mesh
 from ..exchange.result_attributes import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
@@ -20,7 +20,7 @@ from . import results
 # How far, relatively, an object's scale may drift by rounding while it is turned.
 SCALE_DRIFT = 1e-5
 
-# Scales nearer to each other than this fraction of it count as one.
+# Scales nearer to each other than this part of the drift are recorded once.
 CELL_SIZE = 0.1
 
 # How far, in parts of the largest number, a placement may drift by rounding while both objects are moved together.
@@ -46,14 +46,17 @@ def remember_depths(
     record = mesh.ccdepth
     record.fingerprint = f"{continued(geometry, DEPTH, depths):08x}"
     record.contributors.clear()
-    by_frame: dict[int, list[ObjectState]] = {}
-    for state, frame in states:
-        by_frame.setdefault(frame or 0, []).append(state)
-    for at_frame, found in by_frame.items():
-        for checksum, scales in _by_checksum((state.checksum, state.scale) for state in found).items():
-            for scale in _without_repetitions(scales)[0]:
-                contributor = record.contributors.add()
-                contributor.gram, contributor.checksum, contributor.frame = scale, checksum, at_frame
+    # Many objects of one scale make one contributor.
+    distinct = {(frame or 0, state.checksum, *_cell(state.scale)): state for state, frame in states}
+    for (frame, *_), state in distinct.items():
+        contributor = record.contributors.add()
+        contributor.gram, contributor.checksum, contributor.frame = state.scale, state.checksum, frame
+
+
+def _cell(scale: FloatArray) -> tuple[float, ...]:
+    """The same for scales (6,) that differ by rounding alone, mostly."""
+    exponent = int(np.frexp(np.abs(scale).max())[1])
+    return exponent, *np.rint(np.ldexp(scale, -exponent) / (SCALE_DRIFT * CELL_SIZE)).tolist()
 
 
 def mesh_checksum(blender_object: bpy.types.Object, kind: AttributeKind = DEPTH_KIND) -> str:
@@ -80,16 +83,11 @@ def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: Know
         object_state(user, use_modifiers=record.use_modifiers, with_vertices=record.follows_objects, known=known)
         for user in users
     ]
-    present = _by_checksum((state.checksum, state.scale) for state in states)
-    recorded = _by_checksum((each.checksum, each.gram) for each in contributors)
-    is_intact = (
-        bool(users)
-        and _is_same_mesh(mesh, users[0])
-        and all(_are_among(scales, present.get(checksum)).all() for checksum, scales in recorded.items())
-    )
-    covered = {checksum: iter(_are_among(scales, recorded.get(checksum))) for checksum, scales in present.items()}
-    uncovered = [user for user, state in zip(users, states, strict=True) if not next(covered[state.checksum])]
-    return Examination(not is_intact, uncovered)
+    present = [(state.checksum, state.scale) for state in states]
+    recorded = [(each.checksum, np.array(each.gram, dtype=np.float64)) for each in contributors]
+    is_intact = bool(users) and _is_same_mesh(mesh, users[0]) and all(_are_among(recorded, present))
+    covered = zip(users, _are_among(present, recorded), strict=True)
+    return Examination(not is_intact, [user for user, is_covered in covered if not is_covered])
 
 
 def _is_same_mesh(mesh: bpy.types.Mesh, user: bpy.types.Object) -> bool:
@@ -106,31 +104,18 @@ def _contributors(record: bpy.types.PropertyGroup) -> Iterator[bpy.types.Propert
             yield each
 
 
-def _by_checksum(states: Iterable[tuple[str, Sequence[float] | FloatArray]]) -> dict[str, FloatArray]:
-    """The scales of all states with the same checksum, in their order: (N, 6) float64."""
-    scales: dict[str, list[Sequence[float] | FloatArray]] = {}
-    for checksum, scale in states:
+def _are_among(states: Sequence[tuple[str, FloatArray]], others: Sequence[tuple[str, FloatArray]]) -> list[bool]:
+    """Whether each of the states, checksums with scales (6,), is one of the others, or has drifted from it by
+    rounding."""
+    scales: dict[str, list[FloatArray]] = {}
+    for checksum, scale in others:
         scales.setdefault(checksum, []).append(scale)
-    return {checksum: np.array(found, dtype=np.float64).reshape(-1, 6) for checksum, found in scales.items()}
-
-
-def _are_among(scales: FloatArray, others: FloatArray | None) -> BoolArray:
-    """(N,): whether each of the scales (N, 6) is one of the others (M, 6), or has drifted from it by rounding."""
-    if others is None:
-        return np.zeros(len(scales), dtype=bool)
-    distinct, places = _without_repetitions(scales)
-    others, _ = _without_repetitions(others)
-    found = [np.any(np.abs(others - each).max(axis=1) <= SCALE_DRIFT * np.abs(each).max()) for each in distinct]
-    return np.array(found, dtype=bool)[places]
-
-
-def _without_repetitions(scales: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """One of each group that differs by rounding alone (M, 6), and for each of all (N, 6), its index among them."""
-    exponents = np.frexp(np.abs(scales).max(axis=1))[1]
-    cells = np.rint(np.ldexp(scales, -exponents[:, None]) / (SCALE_DRIFT * CELL_SIZE))
-    _, first, places = np.unique(np.column_stack([cells, exponents]), axis=0, return_index=True, return_inverse=True)
-    # numpy 2.0 alone gives the inverse a second axis.
-    return scales[first], places.reshape(-1)
+    known = {checksum: np.array(found) for checksum, found in scales.items()}
+    return [
+        checksum in known
+        and bool(np.any(np.abs(known[checksum] - scale).max(axis=1) <= SCALE_DRIFT * np.abs(scale).max()))
+        for checksum, scale in states
+    ]
 
 
 def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -> None:

@@ -31,7 +31,7 @@ class Client:
     examine: look at the noted objects; returns whether the interface may show something else. forget: everything.
     """
 
-    forget: Callable[[], object]
+    forget: Callable[[], object] = _nothing
     updated: Callable[[bpy.types.Object, bool], bool] = _nothing
     frame_changed: Callable[[], object] = _nothing
     replaced: Callable[[], object] = _nothing
