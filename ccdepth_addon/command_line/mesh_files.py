@@ -246,7 +246,7 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
         undo.callback(setattr, unit, "scale_length", unit.scale_length)
         unit.scale_length = 1.0
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        shown = [(_shown_copy(each, depsgraph), _world(each, depsgraph)) for each in objects]
+        shown = [_shown_copy(each.evaluated_get(depsgraph), depsgraph) for each in objects]
         # Selecting may bring the list up to date, which crashes Blender while it is read.
         for each in list(layer.objects):
             each.select_set(False)
@@ -262,17 +262,11 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
         yield [mesh for mesh, _ in shown]
 
 
-def _shown_copy(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh:
-    """A mesh of what an object shows, with the colours of the user."""
-    mesh = bpy.data.meshes.new_from_object(
-        blender_object.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
-    )
+def _shown_copy(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[bpy.types.Mesh, Matrix]:
+    """A mesh of what an object shows, with the colours of the user, and the object's matrix."""
+    mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     results.clear(mesh)
-    return mesh
-
-
-def _world(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Matrix:
-    return blender_object.evaluated_get(depsgraph).matrix_world.copy()
+    return mesh, evaluated.matrix_world.copy()
 
 
 def _place(copy: bpy.types.Object, matrix: Matrix) -> None:

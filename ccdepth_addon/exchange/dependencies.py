@@ -61,17 +61,12 @@ KnownDescriptions = dict[int, Description]
 
 @dataclass(frozen=True)
 class ObjectState:
-    """An object's scale, as AᵀA (6,), and a checksum of everything else that shapes its surface."""
+    """An object's scale, as AᵀA (6,), and a checksum of everything else that shapes its surface. frame: that it was
+    read on; None for the scene as it is."""
 
     scale: FloatArray
     checksum: str
-
-
-class StateAtFrame(NamedTuple):
-    """The state of an object on a frame; None for the scene as it is."""
-
-    state: ObjectState
-    frame: int | None
+    frame: int | None = None
 
 
 def object_state(

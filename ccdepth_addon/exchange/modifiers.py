@@ -59,7 +59,7 @@ def shown_vertices(blender_object: bpy.types.Object, vertices: str) -> str:
     return "LIMIT" if modifier is None or modifier.use_limit_surface else "CONTROL"
 
 
-def counted_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool = True) -> list[bpy.types.Modifier]:
+def counted_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
     """The modifiers above the Subdivision Surface modifier that show in the viewport; none where they do not count."""
     if not use_modifiers:
         return []
@@ -82,16 +82,17 @@ def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.M
 
 def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
     """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and those that are counted in."""
-    counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
-    subdivision = subdivision_modifier(blender_object)
-    applied = [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
-    return applied if subdivision is None else [*applied, subdivision]
+    base, subdivision = (
+        base_modifiers(blender_object, use_modifiers=use_modifiers),
+        subdivision_modifier(blender_object),
+    )
+    return base if subdivision is None else [*base, subdivision]
 
 
 def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
     """The applied modifiers that make the base mesh: all but the Subdivision Surface modifier."""
-    subdivision = subdivision_modifier(blender_object)
-    return [m for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
+    counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
+    return [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
 
 
 def has_own_keys(blender_object: bpy.types.Object, *, use_modifiers: bool) -> bool:

@@ -7,7 +7,7 @@ from functools import partial
 
 import bpy
 
-from ..exchange.modifiers import applied_modifiers, has_own_keys, subdivision_modifier
+from ..exchange.modifiers import base_modifiers, has_own_keys
 from ..state import known, properties
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
@@ -109,8 +109,7 @@ def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
     keys = source.data.shape_keys
     if keys is None:
         return []
-    subdivision = subdivision_modifier(source)
-    if any(m != subdivision for m in applied_modifiers(source, use_modifiers=use_modifiers)):
+    if base_modifiers(source, use_modifiers=use_modifiers):
         return [f"{source.name}: its shape keys are applied, like the modifiers that are counted in"]
     if any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
         return [f"{source.name}: the tolerance is not proved where a vertex group limits a shape key"]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..exchange.adaptive_mesh import UV_SMOOTH, new_mesh
 from ..exchange.control_mesh import base_mesh
 from ..exchange.data_blocks import is_writable, meshes_with, own_copy
-from ..exchange.dependencies import StateAtFrame, object_state
+from ..exchange.dependencies import object_state
 from ..exchange.evaluated import Evaluated, batches, evaluated
 from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
@@ -117,7 +117,7 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
     # New objects have no matrix before.
     context.view_layer.update()
     for place in places:
-        states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in place.users]
+        states = [object_state(user, use_modifiers=False) for user in place.users]
         out_of_date.remember_depths(place.mesh, place.made.geometry, place.made.depths, states)
 
 

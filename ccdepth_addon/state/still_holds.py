@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray
-from ..exchange.dependencies import KnownDescriptions, StateAtFrame, object_state, shown_checksum
+from ..exchange.dependencies import KnownDescriptions, ObjectState, object_state, shown_checksum
 from ..exchange.displayed_mesh import shown_modifiers
 from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_mesh
 from ..exchange.result_attributes import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
@@ -36,7 +36,7 @@ class Examination(NamedTuple):
 
 
 def remember_depths(
-    mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[StateAtFrame]
+    mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[ObjectState]
 ) -> None:
     """Write to the mesh's record what the result just written to it depends on.
 
@@ -47,10 +47,10 @@ def remember_depths(
     record.fingerprint = f"{continued(geometry, DEPTH, depths):08x}"
     record.contributors.clear()
     # Many objects of one scale make one contributor.
-    distinct = {(frame or 0, state.checksum, *_cell(state.scale)): state for state, frame in states}
-    for (frame, *_), state in distinct.items():
+    distinct = {(each.frame, each.checksum, *_cell(each.scale)): each for each in states}
+    for each in distinct.values():
         contributor = record.contributors.add()
-        contributor.gram, contributor.checksum, contributor.frame = state.scale, state.checksum, frame
+        contributor.gram, contributor.checksum, contributor.frame = each.scale, each.checksum, each.frame or 0
 
 
 def _cell(scale: FloatArray) -> tuple[float, ...]:

@@ -29,7 +29,7 @@ from ..core import (
 from ..exchange.blender_arrays import read_values
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh
 from ..exchange.evaluated import Evaluated, evaluated, in_batches
-from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
+from ..exchange.modifiers import base_modifiers, subdivision_modifier
 from .surfaces import (
     Faults,
     Surface,
@@ -201,13 +201,11 @@ def _task(
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
     allowance = rounding_allowance(in_world) + stored
-    modifiers = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
     source = blender_object.name, None if blender_object.library is None else blender_object.library.filepath
-    subdivision = subdivision_modifier(blender_object)
     dependencies = (
-        getattr(subdivision, "uv_smooth", None),
+        getattr(subdivision_modifier(blender_object), "uv_smooth", None),
         # Modifiers may give each object's mesh other attributes.
-        blender_object.name if any(modifier != subdivision for modifier in modifiers) else "",
+        blender_object.name if base_modifiers(blender_object, use_modifiers=settings.use_modifiers) else "",
         # Results that do not share a mesh stay apart.
         None if user == blender_object else user.data.session_uid,
     )

@@ -8,7 +8,7 @@ each of them; every face takes the largest depth. Nothing here writes to a mesh.
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import bpy
@@ -29,7 +29,7 @@ from ..core import (
     worst_pose,
 )
 from ..exchange.control_mesh import ControlMeshError, SharedMeshes, read_control_mesh
-from ..exchange.dependencies import KnownDescriptions, ObjectState, StateAtFrame, object_state
+from ..exchange.dependencies import KnownDescriptions, ObjectState, object_state
 from ..exchange.evaluated import evaluated, in_batches
 from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
 from ..exchange.modifiers import OF_OBJECT, counted_modifiers, shown_vertices
@@ -71,7 +71,7 @@ class MeshTask:
     face_count: int
     geometry: int
     object_names: list[str] = field(default_factory=list)
-    states: list[StateAtFrame] = field(default_factory=list)
+    states: list[ObjectState] = field(default_factory=list)
     read: list[DepthRequest] = field(default_factory=list)
     groups: list[PoseGroup] = field(default_factory=list)
 
@@ -174,8 +174,8 @@ def prepare_depths(
         known: KnownDescriptions = {}
         for each in objects:
             if each.data.session_uid in work.tasks:
-                state = _state(each, settings, known)
-                work.tasks[each.data.session_uid].states.append(StateAtFrame(state, scene.frame_current))
+                state = _state(each, settings, known, scene.frame_current)
+                work.tasks[each.data.session_uid].states.append(state)
     return work
 
 
@@ -208,14 +208,17 @@ def _read_objects(
                     task = _task_of(each, work.tasks)
                     surface = surface_of(each.name, control, settings)
                     task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
-                    task.states.append(StateAtFrame(_state(each, settings, known), frame))
+                    task.states.append(_state(each, settings, known, frame))
 
 
-def _state(blender_object: bpy.types.Object, settings: DepthSettings, known: KnownDescriptions) -> ObjectState:
-    """The state of an object, as far as its depths by these settings depend on it."""
-    return object_state(
+def _state(
+    blender_object: bpy.types.Object, settings: DepthSettings, known: KnownDescriptions, frame: int | None
+) -> ObjectState:
+    """The state of an object on a frame, as far as its depths by these settings depend on it."""
+    state = object_state(
         blender_object, use_modifiers=settings.use_modifiers, with_vertices=settings.follows_objects, known=known
     )
+    return replace(state, frame=frame)
 
 
 def _task_of(blender_object: bpy.types.Object, tasks: dict[int, MeshTask]) -> MeshTask:

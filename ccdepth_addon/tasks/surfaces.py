@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from types import MappingProxyType
 from typing import Any, Self
 
 import bpy
@@ -21,7 +20,6 @@ SCALE_ROUNDING = 1e-9
 
 # The largest number that Blender stores; it stores larger ones and infinity as this.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
-NOTHING: Mapping[str, int] = MappingProxyType({})
 
 TOO_LARGE = "The tolerance is too large a number"
 
@@ -32,9 +30,9 @@ class ComputeError(ValueError):
     faces_at_fault: the objects, by name, that have faces without which there is no fault, and how many these are.
     """
 
-    def __init__(self, message: str, faces_at_fault: Mapping[str, int] = NOTHING) -> None:
+    def __init__(self, message: str, faces_at_fault: Mapping[str, int] | None = None) -> None:
         super().__init__(message)
-        self.faces_at_fault = faces_at_fault
+        self.faces_at_fault = faces_at_fault or {}
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ..tasks.adaptive_task import AdaptiveSettings
 from .facts import count_fact, draw_facts, facts_of, short_count
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
 from .selected_results import chosen_meshes, made_objects
-from .sidebar import SidebarPanel, settings_column
+from .sidebar import SidebarPanel, draw_alert, settings_column
 
 
 class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
@@ -102,9 +102,7 @@ def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
     if not settings.reduce or active is None or active.type != "MESH":
         return
     if has_own_keys(active, use_modifiers=settings.use_modifiers):
-        row = layout.row()
-        row.alert = True
-        row.label(text="Reduce cannot keep shape keys", icon="ERROR")
+        draw_alert(layout, "Reduce cannot keep shape keys")
 
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -118,9 +116,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         return
     # In one row, like the button that was there: nothing below it moves.
     split = layout.split(factor=0.55, align=True)
-    number = split.row()
-    number.alert = True
-    number.label(text=f"{short_count(count.faces)} faces", icon="ERROR")
+    draw_alert(split, f"{short_count(count.faces)} faces")
     split.operator("ccdepth.find_tolerance", icon="VIEWZOOM").face_budget = settings.max_faces
 
 

@@ -20,7 +20,7 @@ from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, facts_of, totals
 from .manual import draw_manual_button
 from .selected_results import faces_by_depth, refused_objects, with_depths
-from .sidebar import SidebarPanel, settings_column
+from .sidebar import SidebarPanel, draw_alert, settings_column
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 from .tolerance_text import tolerance_text
 
@@ -130,9 +130,7 @@ def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     faces = sum(known.faces_at_fault(mesh) for mesh in {each.data for each in refused_objects(context)})
     if faces:
         column = layout.column(align=True)
-        row = column.row()
-        row.alert = True
-        row.label(text=f"{faces:,} invalid {'face' if faces == 1 else 'faces'}", icon="ERROR")
+        draw_alert(column, f"{faces:,} invalid {'face' if faces == 1 else 'faces'}")
         draw_selecting(column, context, "ccdepth.select_invalid", "RESTRICT_SELECT_OFF")
         column.operator("ccdepth.repair", icon="TOOL_SETTINGS")
 
@@ -147,10 +145,8 @@ def _draw_too_deep(
     faces = sum(faces for depth, faces in faces_by_depth(objects).items() if depth > fitting) if deep else 0
     if faces:
         column = layout.column(align=True)
-        row = column.row()
-        row.alert = True
         text = f"{faces:,} {'face needs' if faces == 1 else 'faces need'} more than {fitting}"
-        row.label(text=f"{text} {'level' if fitting == 1 else 'levels'}", icon="ERROR")
+        draw_alert(column, f"{text} {'level' if fitting == 1 else 'levels'}")
         select = column.operator("ccdepth.select", text="Select These Faces", icon="RESTRICT_SELECT_OFF")
         select.depth, select.comparison = fitting + 1, "AT_LEAST"
         column.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
@@ -237,11 +233,9 @@ def draw_object_rows(
         deepest = str(record.deepest) if record.has_result else ""
         _draw_object_row(column, each.name, f"{mesh_face_count(each.data):,}", deepest, "OBJECT_DATA")
         if line:
-            row = column.row()
-            row.alert = True
             # In short: there is less room.
             text = line.removeprefix("Out of date: ").partition("; ")[0]
-            row.label(text=f"{text[0].upper()}{text[1:]}", icon="ERROR")
+            draw_alert(column, f"{text[0].upper()}{text[1:]}")
     if len(objects) > MOST_OBJECTS:
         column.label(text=f"{len(objects) - MOST_OBJECTS:,} more")
 

@@ -14,9 +14,16 @@ class SidebarPanel:
     bl_category = "CC Depth"
 
 
-def settings_column(layout: bpy.types.UILayout, heading: str = "") -> bpy.types.UILayout:
+def settings_column(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     """A column of settings with names at the left, like Blender's own, and without dots for keyframes."""
-    column = layout.column(heading=heading)
+    column = layout.column()
     column.use_property_split = True
     column.use_property_decorate = False
     return column
+
+
+def draw_alert(layout: bpy.types.UILayout, text: str) -> None:
+    """A line in red."""
+    row = layout.row()
+    row.alert = True
+    row.label(text=text, icon="ERROR")
