@@ -13,10 +13,7 @@ MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 
 # In the order in which they depend on each other.
 MODULES = (
-    "state.settings",
-    "state.record",
-    "state.result_record",
-    "state.viewports",
+    "state.property_groups",
     "state.watch",
     "operators",
     "ui.manual",

@@ -40,7 +40,7 @@ from ..core import (
     to_quaternions,
     to_rotation_vectors,
 )
-from .blender_arrays import TYPES, ValueType, read_values, write_attribute, write_values
+from .blender_arrays import TYPES, ValueType, find_attribute, read_values, write_attribute, write_values
 from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
 from .result_attributes import BOUND, COLOR, DEPTH, color_of_user
 
@@ -184,8 +184,8 @@ class AttributeTransfer:
 
     def _flags(self, name: str) -> BoolArray:
         domain = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}[name.rpartition("_")[2]]
-        attribute = self.base.attributes.get(name)
-        if attribute is None or (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
+        attribute = find_attribute(self.base, name, "BOOLEAN", domain)
+        if attribute is None:
             return np.zeros(_count(self.base, domain), dtype=bool)
         return read_values(attribute.data, "value", np.bool_)
 
@@ -208,11 +208,11 @@ class AttributeTransfer:
         base_edges = self.subdivided.base_edges
         sharp = (base_edges >= 0) & creased[base_edges]
         if sharp.any():
-            present = mesh.attributes.get("sharp_edge")
+            present = find_attribute(mesh, "sharp_edge", "BOOLEAN", "EDGE")
             if present is not None:
-                if (present.data_type, present.domain) != ("BOOLEAN", "EDGE"):
-                    return
                 sharp |= read_values(present.data, "value", np.bool_)
+            elif "sharp_edge" in mesh.attributes:
+                return
             write_attribute(mesh, "sharp_edge", "BOOLEAN", "EDGE", sharp)
 
 

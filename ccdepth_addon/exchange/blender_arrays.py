@@ -86,16 +86,23 @@ def _is_kept(written: NDArray[Any], found: NDArray[Any], step: float) -> bool:
     return bool(np.all((np.abs(np.clip(written, 0.0, 1.0) - found) <= step) | np.isnan(written)))
 
 
+def find_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str) -> bpy.types.Attribute | None:
+    """The attribute of that name, where it is of that type and domain."""
+    attribute = mesh.attributes.get(name)
+    if attribute is None or (attribute.data_type, attribute.domain) != (data_type, domain):
+        return None
+    return attribute
+
+
 def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: NDArray[Any]) -> None:
     """Write an attribute in Object Mode; one of another type or domain under the name makes way for it.
 
     values: (N,) or (N, D). Raises WriteError when Blender does not keep them.
     """
     kind = TYPES[data_type]
-    attribute = mesh.attributes.get(name)
-    if attribute is not None and (attribute.data_type, attribute.domain) != (data_type, domain):
-        mesh.attributes.remove(attribute)
-        attribute = None
+    attribute = find_attribute(mesh, name, data_type, domain)
     if attribute is None:
+        if name in mesh.attributes:
+            mesh.attributes.remove(mesh.attributes[name])
         attribute = mesh.attributes.new(name, data_type, domain)
     write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)

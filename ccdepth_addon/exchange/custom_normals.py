@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
 from .attributes import CUSTOM_NORMAL, FREE_NORMALS
-from .blender_arrays import WriteError, read_values, write_attribute
+from .blender_arrays import WriteError, find_attribute, read_values, write_attribute
 from .data_blocks import unused_name
 
 # How the names of attributes begin that hold custom normals for a while.
@@ -33,8 +33,8 @@ def write_limit_normals(
 
 def _write_normals(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: bool) -> None:
     """Shade with normals (C, 3) at the corners."""
-    flat = mesh.attributes.get("sharp_face")
-    if flat is not None and (flat.data_type, flat.domain) == ("BOOLEAN", "FACE"):
+    flat = find_attribute(mesh, "sharp_face", "BOOLEAN", "FACE")
+    if flat is not None:
         mesh.attributes.remove(flat)
     if bpy.app.version >= FREE_NORMALS and not deformable:
         write_attribute(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", "CORNER", normals)

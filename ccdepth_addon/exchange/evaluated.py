@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ..core import IndexArray
-from .blender_arrays import read_values, write_values
+from .blender_arrays import find_attribute, read_values, write_values
 from .data_blocks import own_copy, unused_name
 from .mesh_arrays import own_mesh
 from .modifiers import SIMULATIONS, is_evaluated
@@ -196,8 +196,8 @@ def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
 
 def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
     """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
-    attribute = mesh.attributes.get(name)
-    if attribute is None or (attribute.data_type, attribute.domain) != ("INT32_2D", "FACE"):
+    attribute = find_attribute(mesh, name, "INT32_2D", "FACE")
+    if attribute is None:
         return np.full(len(mesh.polygons), NO_ORIGIN, dtype=np.intp)
     pairs = read_values(attribute.data, "value", np.int32, 2).astype(np.intp)
     origins = pairs[:, 0]

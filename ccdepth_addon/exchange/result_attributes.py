@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .blender_arrays import TYPES, ValueType, read_values, write_attribute
+from .blender_arrays import TYPES, ValueType, find_attribute, read_values, write_attribute
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
@@ -58,8 +58,7 @@ def rounded_up(bounds: ArrayLike) -> NDArray[np.float32]:
 
 def has_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
     """Whether the mesh has an attribute like this one, with a record of ours or without."""
-    attribute = mesh.attributes.get(kind.name)
-    return attribute is not None and (attribute.data_type, attribute.domain) == (kind.data_type, kind.domain)
+    return find_attribute(mesh, kind.name, kind.data_type, kind.domain) is not None
 
 
 def conflict(blender_object: bpy.types.Object) -> str | None:

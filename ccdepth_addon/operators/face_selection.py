@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, IndexArray
-from ..exchange.blender_arrays import read_values
+from ..exchange.blender_arrays import find_attribute, read_values
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import known
 
@@ -24,8 +24,8 @@ def selection_fault(mesh: bpy.types.Mesh) -> str | None:
     Writing a selection over it crashes Blender; Edit Mode keeps its selection elsewhere.
     """
     for domain, name in SELECTIONS.items():
-        attribute = None if mesh.is_editmode else mesh.attributes.get(name)
-        if attribute is not None and (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
+        is_there = not mesh.is_editmode and name in mesh.attributes
+        if is_there and find_attribute(mesh, name, "BOOLEAN", domain) is None:
             return f"the mesh has an attribute called “{name}” that is not a selection; remove it first"
     return None
 

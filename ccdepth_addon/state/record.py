@@ -105,18 +105,3 @@ class MeshRecord(bpy.types.PropertyGroup):
     deviation_reached: FloatProperty(description="A distance that was found", subtype="DISTANCE")
     measurement: PointerProperty(type=Measurement)
     previous_active_color: StringProperty(description="The colours that were displayed before ours")
-
-
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (DepthRow, Contributor, Measurement, MeshRecord)
-)
-
-
-def register() -> None:
-    _register_classes()
-    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord)
-
-
-def unregister() -> None:
-    del bpy.types.Mesh.ccdepth
-    _unregister_classes()

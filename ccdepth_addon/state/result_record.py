@@ -173,18 +173,3 @@ def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_mo
                 "does not have it; turn Include Modifiers on, or add it to the result"
             )
     return None
-
-
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (AppliedModifier, SourceMaterial, ResultRecord)
-)
-
-
-def register() -> None:
-    _register_classes()
-    bpy.types.Object.ccdepth = PointerProperty(type=ResultRecord)
-
-
-def unregister() -> None:
-    del bpy.types.Object.ccdepth
-    _unregister_classes()

@@ -3,7 +3,7 @@
 """The settings on the scene, and the immediate effects of their changes."""
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
 from . import known, properties, viewports
 
@@ -94,13 +94,3 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
         default=True,
         update=_redraw,
     )
-
-
-def register() -> None:
-    bpy.utils.register_class(SceneSettings)
-    bpy.types.Scene.ccdepth = PointerProperty(type=SceneSettings)
-
-
-def unregister() -> None:
-    del bpy.types.Scene.ccdepth
-    bpy.utils.unregister_class(SceneSettings)

@@ -9,9 +9,7 @@ from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy.props import BoolProperty, PointerProperty, StringProperty
-
-from ..registration import add_handlers, remove_handlers
+from bpy.props import BoolProperty, StringProperty
 
 # What earlier versions switched viewports to.
 SWITCHED = {
@@ -43,7 +41,7 @@ def redraw(context: bpy.types.Context) -> None:
 
 
 @persistent
-def _put_back_all(*_: Any) -> None:
+def put_back_all(*_: Any) -> None:
     """Put back every viewport of a file that an earlier version switched, once."""
     for screen in bpy.data.screens:
         for area in screen.areas:
@@ -61,18 +59,3 @@ def _put_back(space: bpy.types.SpaceView3D) -> None:
             part, name = path.split(".")
             setattr(getattr(space, part), name, before)
     space.shading.property_unset("ccdepth")
-
-
-HANDLERS = (("load_post", _put_back_all),)
-
-
-def register() -> None:
-    bpy.utils.register_class(ViewportMemory)
-    bpy.types.View3DShading.ccdepth = PointerProperty(type=ViewportMemory)
-    add_handlers(HANDLERS)
-
-
-def unregister() -> None:
-    remove_handlers(HANDLERS)
-    del bpy.types.View3DShading.ccdepth
-    bpy.utils.unregister_class(ViewportMemory)
