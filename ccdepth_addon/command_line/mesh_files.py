@@ -10,12 +10,14 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 from mathutils import Matrix
 
 from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
+from ..exchange.data_blocks import as_bmesh
 from ..state import results
 from ..tasks.surfaces import shortest_decimal
 from .blender_calls import CommandError, available, call, known_options, temporary_data
@@ -181,8 +183,6 @@ def _import(path: Path) -> None:
 def _weld(mesh: bpy.types.Mesh) -> None:
     """Merge vertices at equal positions. glTF splits them wherever normals or UVs change, and the limit surface would
     come apart there."""
-    import bmesh  # The bpy wheel has it only after bpy.
-
     positions = read_values(mesh.vertices, "co", np.float32, 3)
     _, firsts, groups = np.unique(positions, axis=0, return_index=True, return_inverse=True)
     targets = firsts[groups.ravel()]
@@ -191,13 +191,10 @@ def _weld(mesh: bpy.types.Mesh) -> None:
         return
     # Custom normals are stored as seen from the faces around a vertex, which become others.
     carried = CarriedNormals(mesh) if mesh.has_custom_normals else None
-    shape = bmesh.new()
-    shape.from_mesh(mesh)
-    shape.verts.ensure_lookup_table()
-    target_of = {shape.verts[one]: shape.verts[other] for one, other in zip(moved, targets[moved], strict=True)}
-    bmesh.ops.weld_verts(shape, targetmap=target_of)
-    shape.to_mesh(mesh)
-    shape.free()
+    with as_bmesh(mesh) as shape:
+        shape.verts.ensure_lookup_table()
+        target_of = {shape.verts[one]: shape.verts[other] for one, other in zip(moved, targets[moved], strict=True)}
+        bmesh.ops.weld_verts(shape, targetmap=target_of)
     if carried is not None:
         carried.put_back(mesh, deformable=False)
 

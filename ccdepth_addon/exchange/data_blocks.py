@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Iterator
+from contextlib import contextmanager
 from itertools import count
 from typing import Any, TypeVar
 
+import bmesh
 import bpy
 
 Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
@@ -32,6 +34,18 @@ def own_copy(data: Data) -> Data:
     """A local copy, which is no library override."""
     copy = data.copy()
     return copy if copy.override_library is None else copy.make_local(clear_liboverride=True)
+
+
+@contextmanager
+def as_bmesh(mesh: bpy.types.Mesh, target: bpy.types.Mesh | None = None) -> Iterator[Any]:
+    """The mesh as a BMesh, which is written back at the end of this context, or to another mesh."""
+    edited = bmesh.new()
+    try:
+        edited.from_mesh(mesh)
+        yield edited
+        edited.to_mesh(target or mesh)
+    finally:
+        edited.free()
 
 
 def remove_shape_keys(holder: bpy.types.Object) -> None:

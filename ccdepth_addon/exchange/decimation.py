@@ -11,7 +11,7 @@ import numpy as np
 from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
 from .blender_arrays import TYPES, read_built_in, read_values, write_values
 from .custom_normals import CARRIED_NORMAL
-from .data_blocks import meshes_with, own_copy, unused_name
+from .data_blocks import as_bmesh, meshes_with, own_copy, unused_name
 from .feature_lines import border_edges, changes_along_lines, line_edges, thin_lines
 
 # What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
@@ -105,17 +105,11 @@ class Decimation:
     def write(self, mesh: bpy.types.Mesh, places: Places) -> None:
         """Give a mesh the geometry, attributes and groups of the one that was kept, in object space. places: of its
         vertices on the mesh it all began with."""
-        import bmesh
-
         kept = _mesh(self._kept)
         names = set(mesh.attributes.keys())
         write_values(kept.attributes["position"].data, "vector", self._stored(kept))
-        edited = bmesh.new()
-        try:
-            edited.from_mesh(kept)
-            edited.to_mesh(mesh)
-        finally:
-            edited.free()
+        with as_bmesh(kept, mesh):
+            pass
         _interpolate_at(places, _mesh(self._start), mesh)
         # Selections that BMesh adds.
         for name in [name for name in mesh.attributes.keys() if name.startswith(".") and name not in names]:  # noqa: SIM118

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from ..core import BoolArray, FloatArray, ShortIndexArray
 from .attributes import MARKS
 from .blender_arrays import TYPES, read_built_in, read_values
+from .data_blocks import as_bmesh
 
 # Values on both sides of an edge that differ by more than this part of all there are make a line.
 SAME = 1e-5
@@ -96,14 +98,10 @@ def thin_lines(mesh: bpy.types.Mesh, edges: ShortIndexArray, may_go: BoolArray, 
     edges: (L, 2), of the lines. may_go: (V,), which vertices may be removed. tolerance: how far those may be from the
     line that is left.
     """
-    import bmesh
-
     positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3).astype(np.float64)
     chains = chains_of(edges)
     going = [[vertex for vertex in superfluous(positions, chain, tolerance) if may_go[vertex]] for chain in chains]
-    edited = bmesh.new()
-    try:
-        edited.from_mesh(mesh)
+    with as_bmesh(mesh) as edited:
         edited.verts.ensure_lookup_table()
         vertices = edited.verts
         beside = _beside([[vertices[index] for index in chain] for chain in chains])
@@ -111,9 +109,6 @@ def thin_lines(mesh: bpy.types.Mesh, edges: ShortIndexArray, may_go: BoolArray, 
         while left:
             chosen, left = _apart(left)
             _remove(edited, chosen, beside)
-        edited.to_mesh(mesh)
-    finally:
-        edited.free()
 
 
 def chains_of(edges: ShortIndexArray) -> list[Chain]:
@@ -200,8 +195,6 @@ def _apart(vertices: list[Any]) -> tuple[list[Any], list[Any]]:
 def _remove(edited: Any, vertices: list[Any], beside: dict[Any, list[Any]]) -> None:
     """Remove vertices of lines, no two of which share an edge: on either side of the line the triangles around one
     become a polygon, and that is cut into triangles anew."""
-    import bmesh
-
     removed = [vertex for vertex in vertices if _can_go(vertex, beside[vertex])]
     around = [e for v in removed for e in v.link_edges if e.other_vert(v) not in beside[v]]
     bmesh.ops.dissolve_edges(edited, edges=around, use_verts=False, use_face_split=False)

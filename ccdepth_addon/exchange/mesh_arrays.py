@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 from zlib import crc32
 
+import bmesh
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,6 @@ def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
     if not blender_object.data.is_editmode:
         yield blender_object.data
         return
-    import bmesh
-
     scratch = bpy.data.meshes.new(blender_object.data.name)
     try:
         bmesh.from_edit_mesh(blender_object.data).to_mesh(scratch)
@@ -43,8 +42,6 @@ def mesh_face_count(mesh: bpy.types.Mesh) -> int:
     """The number of faces of a mesh; in Edit Mode, of the mesh being edited."""
     if not mesh.is_editmode:
         return len(mesh.polygons)
-    import bmesh
-
     return len(bmesh.from_edit_mesh(mesh).faces)
 
 

@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -129,8 +130,6 @@ def _active_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
 
 
 def _write_while_editing(mesh: bpy.types.Mesh, columns: Mapping[AttributeKind, NDArray[Any]]) -> None:
-    import bmesh
-
     edited = bmesh.from_edit_mesh(mesh)
     # New layers first: making one moves the others.
     with _active_kept(mesh):
@@ -149,8 +148,6 @@ def read_face_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any]:
     """(F,): one attribute of faces, in Object Mode or in Edit Mode."""
     if not mesh.is_editmode:
         return read_values(mesh.attributes[kind.name].data, kind.values.value, kind.values.dtype)
-    import bmesh
-
     edited = bmesh.from_edit_mesh(mesh)
     layer = kind.layers(edited)[kind.name]
     return np.array([face[layer] for face in edited.faces], dtype=kind.values.dtype)
@@ -173,8 +170,6 @@ def remove_all(mesh: bpy.types.Mesh) -> None:
 
 
 def _remove_layers_while_editing(mesh: bpy.types.Mesh) -> None:
-    import bmesh
-
     edited = bmesh.from_edit_mesh(mesh)
     for kind in ATTRIBUTES:
         layers = kind.layers(edited)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +66,6 @@ def select_these(mesh: bpy.types.Mesh, faces: IndexArray) -> int:
 
 def _edited(mesh: bpy.types.Mesh) -> Any:
     """The mesh that is being edited, whose faces can be taken by number."""
-    import bmesh
-
     edited = bmesh.from_edit_mesh(mesh)
     edited.faces.ensure_lookup_table()
     return edited
@@ -96,8 +95,6 @@ def _select_only(mesh: bpy.types.Mesh, faces: BoolArray) -> None:
 
 
 def _select_while_editing(mesh: bpy.types.Mesh, faces: BoolArray, extend: bool) -> None:
-    import bmesh
-
     edited = _edited(mesh)
     edited.select_mode = {"FACE"}
     for face in edited.faces if not extend else ():
