@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 
 from ..exchange.blender_arrays import read_values
+from ..exchange.face_values import BOUND_KIND
 from ..exchange.modifiers import shown_vertices
-from ..exchange.result_attributes import BOUND_KIND
 from ..state import properties
 from ..state.properties import scene_tolerance, setting_names
 from ..tasks.deviation_task import Verdict
@@ -21,7 +21,7 @@ from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .blender_calls import call
 from .mesh_files import scene_unit
 from .report import Distances, Frame, ObjectEntry, metres_rounded_up
-from .report_text import print_results
+from .report_text import print_facts
 
 # The settings that what is done goes by, beside the tolerance.
 OF_DEPTHS = setting_names(properties.ToleranceProperties, properties.DepthProperties)
@@ -59,7 +59,7 @@ def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance
 
 def _compute_depths(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     call_for(objects, bpy.ops.ccdepth.compute)
-    print_results(objects)
+    print_facts(objects)
     return [(_depth_entry(each, settings), each) for each in objects]
 
 
@@ -80,7 +80,7 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
 def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     call_for(objects, bpy.ops.ccdepth.compute)
     call_for(objects, bpy.ops.ccdepth.set_levels)
-    print_results(objects)
+    print_facts(objects)
     return [
         (replace(_depth_entry(each, settings), result_faces=int(each.data.ccdepth.uniform_faces)), each)
         for each in objects
@@ -96,7 +96,7 @@ def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) ->
     if not in_place:
         results = {each.ccdepth.source_name: each for each in bpy.data.objects if each not in before}
         made = [results[name] for name in names]
-    print_results(made)
+    print_facts(made)
     return [
         (replace(_adaptive_entry(each, settings), name=name, faces=count), each)
         for name, count, each in zip(names, faces, made, strict=True)

@@ -18,7 +18,7 @@ from mathutils import Matrix
 from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.data_blocks import as_bmesh
-from ..state import results
+from ..state import mesh_values
 from ..tasks.surfaces import shortest_decimal
 from .blender_calls import CommandError, available, call, known_options, temporary_data
 from .scripted_drivers import scripts_allowed
@@ -262,7 +262,7 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
 def _shown_copy(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[bpy.types.Mesh, Matrix]:
     """A mesh of what an object shows, with the colours of the user, and the object's matrix."""
     mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
-    results.clear(mesh)
+    mesh_values.clear(mesh)
     return mesh, evaluated.matrix_world.copy()
 
 

@@ -23,9 +23,9 @@ from ..core import FloatArray
 from ..exchange.blender_arrays import read_values
 from ..exchange.data_blocks import own_copy
 from ..exchange.evaluated import Evaluated, evaluated
+from ..exchange.face_values import has_values
 from ..exchange.modifiers import counted_modifiers
-from ..exchange.result_attributes import has_values
-from ..state import heat_map, results
+from ..state import heat_map, mesh_values
 from ..state.colors import to_linear
 from ..state.heat_map import Shown
 from ..ui.legend_contents import Color, Legend, legend
@@ -91,10 +91,10 @@ def render(
     What is shown of each is its control mesh with its depths or deviations, or its adaptive mesh with its distances.
     The file's own scenes, objects and meshes stay as they are. Raises CommandError.
     """
-    shown = [obj for obj in objects if results.has_any(obj.data)]
+    shown = [obj for obj in objects if mesh_values.has_any(obj.data)]
     if not shown:
         raise CommandError("there are no depths to make a picture of")
-    kind = heat_map.last_result(shown[0].data)
+    kind = heat_map.last_kind(shown[0].data)
     assert kind is not None
     colored = [obj for obj in shown if heat_map.has_shown(obj.data, kind)]
     counted = {each: counted_modifiers(each, use_modifiers=each.data.ccdepth.use_modifiers) for each in shown}

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ..exchange.result_attributes import COLOR
+from ..exchange.face_values import COLOR
 
 # A face turned away from the light keeps this part of its colour: less than from one depth to the next.
 SHADOW = 0.8

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The text that is printed of results."""
+"""The text that is printed of depths, adaptive meshes and measurements."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from decimal import Decimal
 
 import bpy
 
-from ..state import results
+from ..state import mesh_values
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
@@ -17,7 +17,7 @@ from ..ui.printable import printable
 from .report import FileEntry
 
 
-def print_results(objects: Sequence[bpy.types.Object]) -> None:
+def print_facts(objects: Sequence[bpy.types.Object]) -> None:
     """Print the facts of the depths on each mesh, with the number of faces of each depth; or those of each adaptive
     mesh."""
     print(settings_text(objects))
@@ -69,7 +69,7 @@ def metres_text(length: float, rounding: Rounding = Rounding.NEAREST) -> str:
 def settings_text(objects: Sequence[bpy.types.Object]) -> str:
     """The settings of the results, in a line."""
     record = objects[0].data.ccdepth
-    if results.is_deviation_last(objects[0].data):
+    if mesh_values.is_deviation_last(objects[0].data):
         records = [obj.data.ccdepth for obj in objects]
         deviation, length = max((each.deviation, each.measurement.world_tolerance) for each in records)
         return f"Tolerance {length:.4g} · Largest deviation proved: {_proved_text(deviation, length)}"

@@ -30,7 +30,7 @@ def new_mesh(
 
     base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
     sharpness. uv_smooth: the modifier's UV Smooth. exact_normals: shade with the exact normals of the limit surface.
-    ``base`` is not changed. Vertices and edges without faces stay as they are. Our results are left out.
+    ``base`` is not changed. Vertices and edges without faces stay as they are. Our values are left out.
     """
     mesh = own_copy(base)
     holder = bpy.data.objects.new(mesh.name, mesh)

@@ -41,8 +41,8 @@ from ..core import (
     to_rotation_vectors,
 )
 from .blender_arrays import TYPES, ValueType, find_attribute, read_values, write_attribute, write_values
+from .face_values import BOUND, COLOR, DEPTH, color_of_user
 from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
-from .result_attributes import BOUND, COLOR, DEPTH, color_of_user
 
 Values = NDArray[Any]
 
@@ -217,7 +217,7 @@ class AttributeTransfer:
 
 
 def is_left_out(attribute: bpy.types.Attribute) -> bool:
-    """Whether an attribute is not transferred as it is: the mesh itself, results of ours, flags, custom normals."""
+    """Whether an attribute is not transferred as it is: the mesh itself, values of ours, flags, custom normals."""
     if attribute.name == CUSTOM_NORMAL:
         free = attribute.data_type == "FLOAT_VECTOR" and bpy.app.version >= FREE_NORMALS
         return free or (attribute.data_type, attribute.domain) == ("INT16_2D", "CORNER")

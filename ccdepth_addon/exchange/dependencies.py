@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The dependencies of a result beside the mesh: the object's scale, its modifiers, and the data these refer to.
+"""The dependencies of depths beside the mesh: the object's scale, its modifiers, and the data these refer to.
 
 Modifiers are described by all their RNA properties, whatever their type and Blender's version: nothing is left out by
 its name alone, but for how Blender displays every modifier and every node. Nothing is evaluated: animated and driven

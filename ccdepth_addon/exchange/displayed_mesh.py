@@ -14,9 +14,9 @@ from ..core import FloatArray, IndexArray, InvalidMeshError
 from .blender_arrays import read_built_in, read_values
 from .control_mesh import ControlMeshError
 from .evaluated import evaluated
+from .face_values import AttributeKind, has_values
 from .mesh_arrays import own_mesh
 from .modifiers import NOT_SHAPING, SIMULATIONS, is_evaluated
-from .result_attributes import AttributeKind, has_values
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ..core import FloatArray, PolygonMesh, crease_to_sharpness
 from .blender_arrays import TYPES, read_built_in, read_values
 from .data_blocks import convert_attribute, own_copy
+from .face_values import ATTRIBUTES
 from .modifiers import SurfaceRule
-from .result_attributes import ATTRIBUTES
 
 EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
 CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
@@ -104,7 +104,7 @@ def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
         bpy.data.meshes.remove(copy)
 
 
-# Attributes that the checksum of the geometry has already, and results.
+# Attributes that the checksum of the geometry has already, and our values.
 UNREAD = {"position", EDGE_CREASE, VERTEX_CREASE, *(kind.name for kind in ATTRIBUTES)}
 
 
@@ -117,7 +117,7 @@ def geometry_checksum(mesh: bpy.types.Mesh) -> int:
 
 
 def content_checksum(mesh: bpy.types.Mesh) -> int:
-    """``geometry_checksum`` with all other attributes counted in, but for the interface's own and results of ours.
+    """``geometry_checksum`` with all other attributes counted in, but for the interface's own and values of ours.
 
     An attribute of zeros is the same as none: Blender adds and removes such ones by itself.
     """

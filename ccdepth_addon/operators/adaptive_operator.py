@@ -94,7 +94,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
             largest, tolerance = max((record.largest_bound, record.world_tolerance) for record in proved)
             text += f", largest distance {bound_text(bpy.context.scene, largest, tolerance)}"
         if self.reduce:
-            text += f"; without Reduce {sum(triangle_count(each.result) for each in made):,} triangles"
+            text += f"; without Reduce {sum(triangle_count(each.answer) for each in made):,} triangles"
         self.report({"INFO"}, text)
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.result_attributes import COLOR
+from ..exchange.face_values import COLOR
 from ..state import heat_map
 from ..state.heat_map import Shown
 from ..tasks.surfaces import naming
@@ -43,6 +43,6 @@ class CCDEPTH_OT_bake_colors(QuickOperator):
 
 
 def _kind(mesh: bpy.types.Mesh, context: bpy.types.Context) -> Shown | None:
-    """The kind of values that the heat map shows of the mesh, or else that of its last result."""
+    """The kind of values that the heat map shows of the mesh, or else that of its last values."""
     kind = heat_map.shown(context.scene.ccdepth)
-    return kind if kind is not None and heat_map.has_shown(mesh, kind) else heat_map.last_result(mesh)
+    return kind if kind is not None and heat_map.has_shown(mesh, kind) else heat_map.last_kind(mesh)

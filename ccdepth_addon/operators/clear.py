@@ -6,7 +6,7 @@ from typing import ClassVar
 import bpy
 
 from ..exchange.data_blocks import is_writable
-from ..state import results, viewports
+from ..state import mesh_values, viewports
 from .selected_meshes import QuickOperator, selected_meshes
 
 
@@ -19,12 +19,12 @@ class CCDEPTH_OT_clear(QuickOperator):
 
     def act(self, context: bpy.types.Context) -> set[str]:
         meshes = {obj.data for obj in selected_meshes(context) if is_writable(obj.data)}
-        cleared = [mesh for mesh in meshes if results.has_traces(mesh)]
+        cleared = [mesh for mesh in meshes if mesh_values.has_traces(mesh)]
         if not cleared:
             self.report({"INFO"}, "There is nothing to clear")
             return {"CANCELLED"}
         for mesh in cleared:
-            results.clear(mesh)
+            mesh_values.clear(mesh)
         for each in selected_meshes(context):
             if each.data in cleared and each.is_editable:
                 each.ccdepth.measured_against = None

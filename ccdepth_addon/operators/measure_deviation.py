@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import heat_map, out_of_date, properties, result_record, results
+from ..state import heat_map, mesh_values, out_of_date, properties, result_record
 from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, naming
@@ -45,7 +45,7 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         with naming(task.surface.object_name):
             answers = yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
         holders = [_still_there(each) for each in answers]
-        results.write_deviations(holders, answers, settings)
+        mesh_values.write_deviations(holders, answers, settings)
         for each, measured in zip(answers, holders, strict=True):
             out_of_date.remember_measurement(measured, bpy.data.objects[each.against])
         heat_map.show(context, Shown.DEVIATION)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive results → objects: new meshes with everything of the old ones, in place of these, beside the objects, or in
+"""Adaptive answers → objects: new meshes with everything of the old ones, in place of these, beside the objects, or in
 results that there are already, which keep everything but their meshes."""
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ..exchange.dependencies import object_state
 from ..exchange.evaluated import Evaluated, batches, evaluated
 from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
-from ..state import out_of_date, result_record, results
-from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
+from ..state import mesh_values, out_of_date, result_record
+from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
 from .scene_objects import hide, link_beside, show_in_local_view
 from .selected_meshes import CHANGED, still_there
@@ -34,9 +34,9 @@ NAME_SUFFIX = " Adaptive"
 
 @dataclass(frozen=True)
 class NewMesh:
-    """A result, the session identifier of the mesh made for it, that mesh's checksum, and (F,) int32 its depths."""
+    """An answer, the session identifier of the mesh made for it, that mesh's checksum, and (F,) int32 its depths."""
 
-    result: AdaptiveResult
+    answer: AdaptiveAnswer
     mesh_uid: int
     geometry: int
     depths: NDArray[np.int32]
@@ -53,7 +53,7 @@ class _Place:
 
 
 def make_meshes(
-    context: bpy.types.Context, answers: list[AdaptiveResult], settings: AdaptiveSettings, *, exact_normals: bool
+    context: bpy.types.Context, answers: list[AdaptiveAnswer], settings: AdaptiveSettings, *, exact_normals: bool
 ) -> Generator[str, None, list[NewMesh]]:
     """Make the adaptive meshes in Object Mode, all or none; yields the stage.
 
@@ -104,7 +104,7 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
     try:
         places = [
             _Place(
-                each, mesh, [still_there((name, None)) for name in each.result.task.object_names], _sources(each.result)
+                each, mesh, [still_there((name, None)) for name in each.answer.task.object_names], _sources(each.answer)
             )
             for each, mesh in zip(made, meshes, strict=True)
         ]
@@ -121,14 +121,14 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
         out_of_date.remember_depths(place.mesh, place.made.geometry, place.made.depths, states)
 
 
-def _sources(answer: AdaptiveResult) -> list[bpy.types.Object]:
+def _sources(answer: AdaptiveAnswer) -> list[bpy.types.Object]:
     """The objects the result is made from. Raises ComputeError when one of them has changed since it was read."""
     return [still_there(target.source, answer.task.mesh_uid) for target in answer.task.targets]
 
 
 def _make_mesh(
     context: bpy.types.Context,
-    answer: AdaptiveResult,
+    answer: AdaptiveAnswer,
     source: bpy.types.Object,
     settings: AdaptiveSettings,
     exact_normals: bool,
@@ -143,7 +143,7 @@ def _make_mesh(
     mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, uv_smooth=uv_smooth, exact_normals=exact_normals)
     try:
         mesh.name = source.name + NAME_SUFFIX
-        results.write_adaptive(mesh, answer, settings, answer.adaptive.depths, answer.adaptive.bounds)
+        mesh_values.write_adaptive(mesh, answer, settings, answer.adaptive.depths, answer.adaptive.bounds)
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise
@@ -213,7 +213,7 @@ def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: 
     ComputeError, with nothing changed, when an object is no longer what it was."""
     with _placing(context, made) as (places, undo):
         old = [place.users[0].data for place in places]
-        cleared = [not results.has_result(mesh) for mesh in old]
+        cleared = [not mesh_values.has_depths(mesh) for mesh in old]
         edited = [place.users[0].data for place in places if result_record.is_edited(place.users[0])]
         materials = [list(place.mesh.materials) for place in places]
         for place, users in zip(places, _with_sharing(places), strict=True):
@@ -224,7 +224,7 @@ def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: 
     # The tolerance is proved for these alone, and not for objects of other scales that share their meshes.
     for place, from_source, was_cleared in zip(places, materials, cleared, strict=True):
         if was_cleared:
-            results.clear(place.mesh)
+            mesh_values.clear(place.mesh)
         for user, source in zip(place.users, place.sources, strict=True):
             out_of_date.remember_made(user, source, settings, from_source)
     return notes

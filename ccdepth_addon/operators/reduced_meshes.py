@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive results → meshes of as few triangles as can be proved to be within the tolerance."""
+"""Adaptive answers → meshes of as few triangles as can be proved to be within the tolerance."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.data_blocks import meshes_with
 from ..exchange.decimation import Decimation
+from ..exchange.face_values import DEPTH, DEPTH_KIND, write_face_values
 from ..exchange.mesh_arrays import geometry_checksum
-from ..exchange.result_attributes import DEPTH, DEPTH_KIND, write_face_values
 from ..exchange.vertex_groups import has_groups
-from ..state import results
-from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
-from ..tasks.reduce_task import depths_of_faces, finer_result, reduction_of, triangle_count
+from ..state import mesh_values
+from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
+from ..tasks.reduce_task import depths_of_faces, finer_answer, reduction_of, triangle_count
 from ..tasks.surfaces import naming
 from .job import Steps, Work
 from .place_results import NewMesh, make_meshes
@@ -34,7 +34,7 @@ class Reducer:
         self.notes: list[str] = []
         self._context, self._settings, self._exact_normals = context, settings, exact_normals
 
-    def make(self, answers: list[AdaptiveResult]) -> Steps[list[NewMesh]]:
+    def make(self, answers: list[AdaptiveAnswer]) -> Steps[list[NewMesh]]:
         """The meshes of all answers, or none; yields the stage. Where nothing is gained, that is the adaptive mesh
         itself. Raises ComputeError when an object has changed since it was read."""
         made: list[NewMesh] = []
@@ -51,13 +51,13 @@ class Reducer:
             raise
         return made
 
-    def _unreduced(self, answer: AdaptiveResult) -> Steps[list[NewMesh]]:
+    def _unreduced(self, answer: AdaptiveAnswer) -> Steps[list[NewMesh]]:
         return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=self._exact_normals))
 
-    def _reduced(self, answer: AdaptiveResult) -> Steps[NewMesh | None]:
+    def _reduced(self, answer: AdaptiveAnswer) -> Steps[NewMesh | None]:
         """The reduced mesh of an answer; None where it has no fewer triangles, or more than there may be faces."""
         text = "Subdividing finer, to be reduced: {:,.0f} faces so far".format
-        start = yield Work(partial(finer_result, answer, self._settings), text)
+        start = yield Work(partial(finer_answer, answer, self._settings), text)
         (made,) = yield from self._unreduced(start)
         try:
             with naming(answer.task.object_names[0]):
@@ -69,14 +69,14 @@ class Reducer:
                     bpy.data.batch_remove(meshes_with([made.mesh_uid]))
                     return None
                 depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
-                results.write_adaptive(mesh, answer, self._settings, depths, bounds)
+                mesh_values.write_adaptive(mesh, answer, self._settings, depths, bounds)
                 mesh.ccdepth.unreduced_triangles = triangle_count(answer)
                 return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths)
         except BaseException:
             bpy.data.batch_remove(meshes_with([made.mesh_uid]))
             raise
 
-    def _reduce(self, answer: AdaptiveResult, mesh: bpy.types.Mesh) -> Steps[FloatArray | None]:
+    def _reduce(self, answer: AdaptiveAnswer, mesh: bpy.types.Mesh) -> Steps[FloatArray | None]:
         """Reduce a mesh, which has no shape keys; returns (T,) the proved distances of its triangles, or None where
         nothing is proved, and the mesh is as it was."""
         task = answer.task

@@ -8,8 +8,8 @@ from typing import ClassVar
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
-from ..exchange.result_attributes import DEPTH_KIND, read_face_values
-from ..state import results
+from ..exchange.face_values import DEPTH_KIND, read_face_values
+from ..state import mesh_values
 from . import face_selection
 from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
 
@@ -38,11 +38,11 @@ class CCDEPTH_OT_select(QuickOperator):
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
-        has_any = any(results.has_result(obj.data) for obj in selected_meshes(context))
+        has_any = any(mesh_values.has_depths(obj.data) for obj in selected_meshes(context))
         return None if has_any else "Compute Depth first"
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        meshes = dict.fromkeys(obj.data for obj in selected_meshes(context) if results.has_result(obj.data))
+        meshes = dict.fromkeys(obj.data for obj in selected_meshes(context) if mesh_values.has_depths(obj.data))
         refuse(meshes, face_selection.selection_fault)
         if not self.properties.is_property_set("depth"):
             self.depth = max(mesh.ccdepth.deepest for mesh in meshes)

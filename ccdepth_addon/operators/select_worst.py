@@ -13,7 +13,7 @@ from mathutils import Vector
 from numpy.typing import NDArray
 
 from ..exchange.mesh_arrays import mesh_face_count
-from ..state import results
+from ..state import mesh_values
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable
 from . import face_selection
@@ -66,7 +66,7 @@ class CCDEPTH_OT_select_worst(QuickOperator):
 
 
 def _measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
-    return [each for each in selected_meshes(context) if results.has_deviation(each.data)]
+    return [each for each in selected_meshes(context) if mesh_values.has_deviation(each.data)]
 
 
 def _frame(context: bpy.types.Context, worst: bpy.types.Object) -> None:

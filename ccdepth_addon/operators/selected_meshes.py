@@ -8,8 +8,8 @@ from typing import ClassVar, TypeVar
 
 import bpy
 
+from ..exchange.face_values import conflict
 from ..exchange.mesh_arrays import mesh_face_count
-from ..exchange.result_attributes import conflict
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable_lines
 
@@ -92,7 +92,7 @@ def still_there(
 
 
 def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:
-    """Raise ComputeError naming every object that is hidden, or whose mesh cannot hold a result."""
+    """Raise ComputeError naming every object that is hidden, or whose mesh cannot hold values."""
     refuse(objects, lambda obj: hidden_fault(obj) or mesh_fault(obj.data) or name_fault(obj))
 
 
@@ -117,7 +117,7 @@ def mesh_fault(mesh: bpy.types.Mesh) -> str | None:
 
 
 def name_fault(blender_object: bpy.types.Object) -> str | None:
-    """The report about an attribute or a vertex group whose name results need."""
+    """The report about an attribute or a vertex group whose name our values need."""
     name = conflict(blender_object)
     if name is not None:
         return f"the mesh has an attribute or a vertex group of its own called “{name}”; rename it first"

@@ -6,7 +6,7 @@ from typing import ClassVar
 import bpy
 
 from ..exchange.modifiers import OF_OBJECT, shown_vertices, subdivision_modifier
-from ..state import known, out_of_date, result_record, results
+from ..state import known, mesh_values, out_of_date, result_record
 from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
 from .selected_meshes import LINKED, QuickOperator, count_text, refuse, selected_meshes
@@ -45,7 +45,7 @@ class CCDEPTH_OT_set_levels(QuickOperator):
 
 def _has_depths(blender_object: bpy.types.Object) -> bool:
     mesh = blender_object.data
-    return results.has_result(mesh) and not mesh.ccdepth.subdivision
+    return mesh_values.has_depths(mesh) and not mesh.ccdepth.subdivision
 
 
 def _is_left_alone(blender_object: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
@@ -75,7 +75,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
         )
     if record.uniform_level < 0:
         return "its depths are from an earlier version of CC Depth; compute them again"
-    if deep := results.too_deep(record, settings.max_faces):
+    if deep := mesh_values.too_deep(record, settings.max_faces):
         return f"{deep.reason}{_way_out(blender_object, deep, settings)}"
     if record.quality > limits["quality"].hard_max:
         return (
@@ -85,7 +85,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
     return None
 
 
-def _way_out(blender_object: bpy.types.Object, deep: results.TooDeep, settings: bpy.types.PropertyGroup) -> str:
+def _way_out(blender_object: bpy.types.Object, deep: mesh_values.TooDeep, settings: bpy.types.PropertyGroup) -> str:
     """A hint at the faces that are the cause, and at the operator that divides the others less."""
     if not deep.faces_beyond:
         return ""

@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exchange import result_attributes
-from ..exchange.result_attributes import (
+from ..exchange import face_values
+from ..exchange.face_values import (
     BOUND_KIND,
     DEPTH_KIND,
     DEVIATION_KIND,
@@ -18,7 +18,7 @@ from ..exchange.result_attributes import (
     read_face_values,
     rounded_up,
 )
-from . import results, viewports
+from . import mesh_values, viewports
 from .colors import LAST_DEPTH, scale_colors, to_linear
 
 Values = NDArray[np.int32] | NDArray[np.float32]
@@ -50,22 +50,22 @@ def show(context: bpy.types.Context, kind: Shown) -> None:
     viewports.redraw(context)
 
 
-def last_result(mesh: bpy.types.Mesh) -> Shown | None:
-    """The kind of the mesh's last result; of an adaptive mesh the distances, as no face needs more levels."""
-    if results.is_deviation_last(mesh):
+def last_kind(mesh: bpy.types.Mesh) -> Shown | None:
+    """The kind of the mesh's last values; of an adaptive mesh the distances, as no face needs more levels."""
+    if mesh_values.is_deviation_last(mesh):
         return Shown.DEVIATION
-    if not results.has_result(mesh):
+    if not mesh_values.has_depths(mesh):
         return None
     return Shown.DISTANCE if mesh.ccdepth.subdivision else Shown.DEPTH
 
 
 def has_shown(mesh: bpy.types.Mesh, kind: Shown) -> bool:
-    """Whether the mesh has a result of that kind, with its record."""
-    return results.has_deviation(mesh) if kind is Shown.DEVIATION else results.has_result(mesh)
+    """Whether the mesh has values of that kind, with their record."""
+    return mesh_values.has_deviation(mesh) if kind is Shown.DEVIATION else mesh_values.has_depths(mesh)
 
 
 def tolerance_of(mesh: bpy.types.Mesh, kind: Shown) -> float:
-    """The tolerance of that result, as a length in the scene; 0 where there is no record."""
+    """The tolerance of these values, as a length in the scene; 0 where there is no record."""
     record = mesh.ccdepth
     return float((record.measurement if kind is Shown.DEVIATION else record).world_tolerance)
 
@@ -89,4 +89,4 @@ def write_colors(mesh: bpy.types.Mesh, kind: Shown, tolerance: float, settings: 
     values = on_scale(kind, read_face_values(mesh, kind.values))
     linear = to_linear(scale_colors(values / np.float32(top(kind, tolerance, settings))))
     colors = np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
-    result_attributes.write_colors(mesh, colors)
+    face_values.write_colors(mesh, colors)

@@ -21,7 +21,7 @@ from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
 from ..tasks.adaptive_task import AdaptiveSettings
-from . import out_of_date, results, viewports, watch
+from . import mesh_values, out_of_date, viewports, watch
 from .result_record import control_object
 
 # A larger mesh is not evaluated for its diagonal alone, nor one again that took longer, in seconds.
@@ -115,7 +115,7 @@ def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | 
 def _recorded(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
     """The diagonal of the computation of depths on the object's mesh, if the depths hold for this object alone."""
     mesh, record = holder.data, holder.data.ccdepth
-    is_own = results.has_result(mesh) and not record.subdivision and not record.frames and mesh.users == 1
+    is_own = mesh_values.has_depths(mesh) and not record.subdivision and not record.frames and mesh.users == 1
     is_alike = (record.tolerance_mode, record.use_modifiers) == ("RELATIVE", use_modifiers)
     return record.world_tolerance / record.tolerance if is_own and is_alike and not out_of_date.is_stale(mesh) else None
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The results that no longer hold, and the adaptive objects with changed sources. What was touched is examined
-when nothing has happened for a while, and the answer is kept until it is touched again. Operators that rely on a result
-examine it themselves, by the same function.
+"""The depths and deviations that no longer hold, and the results with changed sources. What was touched is examined
+when nothing has happened for a while, and the answer is kept until it is touched again. Operators that rely on depths
+examine them themselves, by the same function.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ import bpy
 
 from ..exchange.dependencies import KnownDescriptions
 from ..exchange.mesh_arrays import mesh_face_count
-from . import result_record, results, still_holds, watch
+from . import mesh_values, result_record, still_holds, watch
 
 Answer = TypeVar("Answer")
 
-# In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its result stale.
+# In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its depths stale.
 LARGEST_EDITED_FACE_COUNT = 200_000
 
-# All by session identifiers. Meshes that were touched, whose results no longer hold, and that were just written to; and
-# objects that a result was not computed for.
+# All by session identifiers. Meshes that were touched, whose depths no longer hold, and that were just written to; and
+# objects that depths were not computed for.
 _touched: set[int] = set()
 _stale: set[int] = set()
 _own_writes: set[int] = set()
@@ -47,12 +47,12 @@ _due: set[int] = set()
 
 
 def is_stale(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh has changed since its result was computed, as far as examined."""
+    """Whether the mesh has changed since its depths were computed, as far as examined."""
     return mesh.session_uid in _stale
 
 
 def is_uncovered(blender_object: bpy.types.Object) -> bool:
-    """Whether the result on the object's mesh was not computed for an object like it, as far as examined."""
+    """Whether the depths on the object's mesh were not computed for an object like it, as far as examined."""
     return blender_object.session_uid in _uncovered
 
 
@@ -62,7 +62,7 @@ def change_since_measured(mesh: bpy.types.Mesh) -> str:
 
 
 def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
-    """The objects whose results no longer hold, examined now; panels show the same."""
+    """The objects whose depths no longer hold, examined now; panels show the same."""
     context.view_layer.update()
     _examine({blender_object.data.session_uid for blender_object in objects})
     return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
@@ -85,7 +85,7 @@ def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -
 
 
 def _note_target(measured: bpy.types.Object) -> None:
-    target = still_holds.target_of(measured) if results.has_deviation(measured.data) else None
+    target = still_holds.target_of(measured) if mesh_values.has_deviation(measured.data) else None
     if target is not None:
         _measured_against.setdefault(target.session_uid, set()).add(measured.data.session_uid)
 
@@ -147,11 +147,11 @@ def _examine_touched() -> bool:
 
 
 def _examine(uids: set[int]) -> bool:
-    """Examine the results on these meshes; returns whether there are any."""
-    users = _users_of_results(uids)
+    """Examine the depths and deviations on these meshes; returns whether there are any."""
+    users = _users_of_values(uids)
     known: KnownDescriptions = {}
     for mesh, objects in users.items():
-        if results.has_result(mesh):
+        if mesh_values.has_depths(mesh):
             # What cannot be examined counts as stale.
             found = _tried(still_holds.examine, mesh, objects, known)
             uncovered = set(found.uncovered) if found else set()
@@ -159,7 +159,7 @@ def _examine(uids: set[int]) -> bool:
             for holder in objects:
                 _set(_uncovered, holder, holder in uncovered)
         _changes.pop(mesh.session_uid, None)
-        if results.has_deviation(mesh):
+        if mesh_values.has_deviation(mesh):
             change = _tried(still_holds.change_since_measured, mesh, objects)
             _changes[mesh.session_uid] = "objects changed" if change is None else change
     return bool(users)
@@ -197,10 +197,10 @@ def _set(holders: set[int], holder: bpy.types.ID, wanted: bool) -> None:
     (holders.add if wanted else holders.discard)(holder.session_uid)
 
 
-def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
-    """The meshes among these that hold a result, and the objects that use each."""
+def _users_of_values(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
+    """The meshes among these that hold depths or deviations, and the objects that use each."""
     users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {
-        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and results.has_any(mesh)
+        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and mesh_values.has_any(mesh)
     }
     for blender_object in bpy.data.objects if users else ():
         if blender_object.data in users:
@@ -209,7 +209,7 @@ def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Obj
 
 
 def touch(mesh: bpy.types.Mesh) -> None:
-    """Examine the mesh's result soon."""
+    """Examine the mesh's depths and deviations soon."""
     _touched.add(mesh.session_uid)
     watch.examine_soon()
 
@@ -217,7 +217,7 @@ def touch(mesh: bpy.types.Mesh) -> None:
 def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
     if holder.type == "MESH":
         _touched.update(_measured_against.get(holder.session_uid, ()))
-        if results.has_any(holder.data):
+        if mesh_values.has_any(holder.data):
             _notice_change(holder.data, geometry)
     uid = holder.session_uid
     if uids_of_results(uid):
@@ -254,7 +254,7 @@ def _find_results() -> None:
 
 def _touch_everything() -> bool:
     for each in bpy.data.objects:
-        if each.type == "MESH" and results.has_any(each.data):
+        if each.type == "MESH" and mesh_values.has_any(each.data):
             _note_target(each)
             _touched.add(each.data.session_uid)
     _touched_sources.update(_results)

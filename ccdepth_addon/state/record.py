@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""The record on the mesh: the results of computations and measurements, and their inputs."""
+"""The record on the mesh: the outcomes of computations and measurements, and their inputs."""
 
 import bpy
 from bpy.props import (
@@ -22,9 +22,9 @@ class DepthRow(bpy.types.PropertyGroup):
 
 
 class Contributor(bpy.types.PropertyGroup):
-    """One object the result was computed for: its scale as AᵀA (upper triangle), and a checksum of the rest.
+    """One object the depths were computed for: its scale as AᵀA (upper triangle), and a checksum of the rest.
 
-    Of a result over frames, on one of these, or on the one that was current when it was computed.
+    Of depths over frames, on one of these, or on the one that was current when it was computed.
     """
 
     gram: FloatVectorProperty(size=6)
@@ -59,7 +59,7 @@ class Measurement(bpy.types.PropertyGroup):
 
 
 class MeshRecord(bpy.types.PropertyGroup):
-    """The results on this mesh, their inputs, and the colours to restore.
+    """The outcomes on this mesh, their inputs, and the colours to restore.
 
     On an adaptive mesh ``subdivision`` is set, and the depth of a face is the depth of its base face.
     """
@@ -97,7 +97,7 @@ class MeshRecord(bpy.types.PropertyGroup):
     fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
     contributors: CollectionProperty(type=Contributor)
     has_deviation: BoolProperty()
-    shows_deviation: BoolProperty(description="Whether the deviations are the last result")
+    shows_deviation: BoolProperty(description="Whether the deviations are newer than the depths")
     deviation: FloatProperty(
         description="The largest distance proved, both ways, between the shown mesh and the limit surface",
         subtype="DISTANCE",

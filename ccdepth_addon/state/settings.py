@@ -35,7 +35,7 @@ def _carry_over(settings: bpy.types.PropertyGroup, mode: str, diagonal: float) -
 
 
 class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
-    """The defaults of the operators' arguments, and the display of results."""
+    """The defaults of the operators' arguments, and the display of values."""
 
     tolerance: properties.absolute_tolerance_property()
     relative_tolerance: properties.relative_tolerance_property(default=properties.DEFAULT_RELATIVE_TOLERANCE)

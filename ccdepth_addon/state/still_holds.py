@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checksums of the inputs of results and measurements in their records, and whether results still hold."""
+"""Checksums of the inputs of depths and measurements in their records, and whether these still hold."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ..core import FloatArray
 from ..exchange.dependencies import KnownDescriptions, ObjectState, object_state, shown_checksum
 from ..exchange.displayed_mesh import shown_modifiers
+from ..exchange.face_values import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
 from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_mesh
-from ..exchange.result_attributes import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
-from . import results
+from . import mesh_values
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.
 SCALE_DRIFT = 1e-5
@@ -28,8 +28,8 @@ DRIFT = 2e-6
 
 
 class Examination(NamedTuple):
-    """Whether a result's mesh, or an object of the computation, has changed; and the users of the mesh without a
-    result of their own: new objects, and objects that changed."""
+    """Whether the mesh, or an object of the computation, has changed; and the users of the mesh without depths
+    of their own: new objects, and objects that changed."""
 
     has_changed: bool
     uncovered: list[bpy.types.Object]
@@ -38,7 +38,7 @@ class Examination(NamedTuple):
 def remember_depths(
     mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[ObjectState]
 ) -> None:
-    """Write to the mesh's record what the result just written to it depends on.
+    """Write to the mesh's record what the depths just written to it depend on.
 
     geometry: the checksum of the mesh it was computed from. depths: (F,) int32, those written. states: of the objects
     it was computed for, as they were read, on each frame.
@@ -71,7 +71,7 @@ def mesh_checksum(blender_object: bpy.types.Object, kind: AttributeKind = DEPTH_
 def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: KnownDescriptions) -> Examination:
     """Compare the mesh's record with the mesh and all the objects that use it, as they are now.
 
-    A result over frames is compared with what the objects were like on the scene's frame. On a frame for which that is
+    Depths over frames are compared with what the objects were like on the scene's frame. On a frame for which that is
     not known, the mesh alone is compared.
     known: what was described of other objects at the same time, to be read once only.
     """
@@ -156,11 +156,11 @@ def measured_to_show(context: bpy.types.Context) -> bpy.types.Object | None:
     active object; or else the worst selected object."""
     active = context.active_object
     measured = [
-        each for each in context.selected_objects if each.type == "MESH" and results.is_deviation_last(each.data)
+        each for each in context.selected_objects if each.type == "MESH" and mesh_values.is_deviation_last(each.data)
     ]
     if active is not None and active.type == "MESH":
         others = [each for each in measured if each != active and target_of(each) == active]
-        if not others and results.is_deviation_last(active.data):
+        if not others and mesh_values.is_deviation_last(active.data):
             return active
         measured = others or measured
     return max(measured, key=lambda each: each.data.ccdepth.deviation, default=None)

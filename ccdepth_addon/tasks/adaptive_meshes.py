@@ -9,7 +9,7 @@ from decimal import ROUND_CEILING, Decimal
 from math import sqrt
 
 from ..core import Progress, TooManyFacesError, count_faces, no_report, subdivide_adaptively
-from .adaptive_task import AdaptiveResult, AdaptiveSettings, AdaptiveTask
+from .adaptive_task import AdaptiveAnswer, AdaptiveSettings, AdaptiveTask
 from .surfaces import ComputeError
 
 # A tolerance is good enough with this part of the faces, or within this factor of one that makes too many.
@@ -57,13 +57,13 @@ class TooManyError(ComputeError):
 
 def subdivide(
     tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
-) -> list[AdaptiveResult]:
+) -> list[AdaptiveAnswer]:
     """Make every mesh, as arrays.
 
     progress: is told about how many faces there are so far, and may raise to stop. Raises ComputeError when they become
     too many.
     """
-    answers: list[AdaptiveResult] = []
+    answers: list[AdaptiveAnswer] = []
     made = 0
     for task in tasks:
         control = task.control
@@ -76,7 +76,7 @@ def subdivide(
         # The core counts leaves on its way; their faces may turn out to be more than are allowed.
         if faces > request.most_faces:
             raise TooManyError(tasks, FaceCount(made + faces, True), settings)
-        answers.append(AdaptiveResult(task, adaptive))
+        answers.append(AdaptiveAnswer(task, adaptive))
         made += faces
     return answers
 

@@ -99,7 +99,7 @@ class AdaptiveTask:
 
 
 @dataclass(frozen=True)
-class AdaptiveResult:
+class AdaptiveAnswer:
     """The answer to a task."""
 
     task: AdaptiveTask

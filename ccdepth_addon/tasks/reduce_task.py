@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An adaptive result → the finer one that its reduction begins with, and what is proved of the reduced mesh."""
+"""An adaptive answer → the finer one that its reduction begins with, and what is proved of the reduced mesh."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ..core import (
     smallest_step,
     subdivide_adaptively,
 )
-from .adaptive_task import AdaptiveResult, AdaptiveSettings
+from .adaptive_task import AdaptiveAnswer, AdaptiveSettings
 
 # Into what parts the tolerance is divided for the mesh to reduce: the first that does not make too many faces.
 DIVISORS = (12.0, 6.0, 2.0)
 
 
-def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings, progress: Progress = no_report) -> AdaptiveResult:
+def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: Progress = no_report) -> AdaptiveAnswer:
     """The mesh to reduce: within a part of the tolerance, or where that would be too many faces, the answer itself.
 
     It may run in a thread. progress: is told about how many faces there are so far, and may raise to stop.
@@ -41,24 +41,24 @@ def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings, progress: P
             finer = subdivide_adaptively(control.in_world, request, control.mesh.positions, progress)
         except TooManyFacesError:
             continue
-        return AdaptiveResult(task, finer)
+        return AdaptiveAnswer(task, finer)
     return answer
 
 
-def depths_of_faces(answer: AdaptiveResult, mesh: AdaptiveMesh) -> NDArray[np.int32]:
+def depths_of_faces(answer: AdaptiveAnswer, mesh: AdaptiveMesh) -> NDArray[np.int32]:
     """(F,) int32: the depth of each face of another mesh of the same control mesh: that of its base face."""
     depths = np.zeros(answer.task.control.face_count, dtype=np.int32)
     depths[answer.adaptive.mesh.base_faces] = answer.adaptive.depths
     return depths[mesh.mesh.base_faces]
 
 
-def triangle_count(answer: AdaptiveResult) -> int:
+def triangle_count(answer: AdaptiveAnswer) -> int:
     """The number of triangles of its faces."""
     mesh = answer.adaptive.mesh
     return len(mesh.corner_vertices) - 2 * len(mesh.base_faces)
 
 
-def reduction_of(answer: AdaptiveResult, start: TriangleMesh, progress: Progress) -> Reduction:
+def reduction_of(answer: AdaptiveAnswer, start: TriangleMesh, progress: Progress) -> Reduction:
     """The search for the fewest triangles within the tolerance of the answer. It may run in a thread."""
     task = answer.task
     return Reduction(task.control.in_world, start, task.surface.tolerance - task.allowance, progress)

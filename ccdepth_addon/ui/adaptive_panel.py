@@ -11,7 +11,7 @@ from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
 from .facts import count_fact, draw_facts, facts_of, short_count
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
-from .selected_results import chosen_meshes, made_objects
+from .selected_objects import chosen_meshes, made_objects
 from .sidebar import SidebarPanel, draw_alert, settings_column
 
 

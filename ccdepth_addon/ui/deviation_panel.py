@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..state import out_of_date, result_record, results
+from ..state import mesh_values, out_of_date, result_record
 from ..state.properties import tolerance_name
 from ..state.still_holds import measured_to_show
 from .facts import draw_facts, facts_of_measurement
@@ -54,7 +54,7 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
 def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
     """The object whose measurement is told."""
     found = measured_to_show(context) or context.active_object
-    return found if found is not None and found.type == "MESH" and results.has_deviation(found.data) else None
+    return found if found is not None and found.type == "MESH" and mesh_values.has_deviation(found.data) else None
 
 
 def _plan(context: bpy.types.Context) -> str:

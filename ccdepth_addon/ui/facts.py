@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Facts about a result, for panels and for the terminal: names, values and meanings."""
+"""Facts about depths, adaptive meshes and measurements, for panels and for the terminal: names, values and meanings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..state.still_holds import is_own, measured_object, target_of
 from ..tasks.deviation_task import Verdict
 from .lengths import Rounding, bound_text, common_unit, length_text
-from .selected_results import lengths_text
+from .selected_objects import lengths_text
 
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10

@@ -26,7 +26,7 @@ from .deviation_panel import stale_line
 from .legend_contents import Color, Legend, legend
 from .legend_layout import FONT_SIZE, Layout, Rectangle, Style, placed
 from .lengths import Rounding, length_text
-from .selected_results import colored_objects
+from .selected_objects import colored_objects
 
 FONT = 0
 COLORS = {

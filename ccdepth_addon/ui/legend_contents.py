@@ -14,7 +14,7 @@ from ..state.heat_map import Shown, tolerance_of, top
 from . import deviation_panel, panels
 from .distance_scale import Mark, distance_marks
 from .lengths import Rounding, in_unit, length_text, unit_for
-from .selected_results import faces_by_depth, lengths_text
+from .selected_objects import faces_by_depth, lengths_text
 
 Color = tuple[float, ...]
 

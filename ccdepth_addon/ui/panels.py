@@ -13,13 +13,13 @@ from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import OF_OBJECT
 from ..state import known, out_of_date, result_record
 from ..state.colors import depth_colors
+from ..state.mesh_values import too_deep
 from ..state.properties import scene_tolerance, tolerance_name
-from ..state.results import too_deep
 from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, facts_of, totals
 from .manual import draw_manual_button
-from .selected_results import faces_by_depth, refused_objects, with_depths
+from .selected_objects import faces_by_depth, refused_objects, with_depths
 from .sidebar import SidebarPanel, draw_alert, settings_column
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 from .tolerance_text import tolerance_text
@@ -156,8 +156,8 @@ def _draw_too_deep(
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
-    """The reason why the result is out of date, or does not hold for an object that uses the mesh; empty where the
-    result holds."""
+    """The reason why the depths are out of date, or do not hold for an object that uses the mesh; empty where they
+    hold."""
     record = mesh.ccdepth
     is_uncovered = holder is not None and out_of_date.is_uncovered(holder)
     if out_of_date.is_stale(mesh):
@@ -225,7 +225,7 @@ def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
 def draw_object_rows(
     layout: bpy.types.UILayout, objects: list[bpy.types.Object], line_of: Callable[[bpy.types.Object], str]
 ) -> None:
-    """A row for each of several objects, with the reason where the result is out of date."""
+    """A row for each of several objects, with the reason where something is out of date."""
     column = layout.box().column(align=True)
     _draw_object_row(column, "Object", "Faces", "Depth").active = False
     for each in objects[:MOST_OBJECTS]:

@@ -10,7 +10,7 @@ import bpy
 from ..state.known import known_diagonal, objects_for_tolerance
 from ..state.properties import scene_tolerance
 from .lengths import length_text, number_text
-from .selected_results import lengths_text
+from .selected_objects import lengths_text
 
 # A field shows as many decimals as Blender has at most, and is wrong by no more than this part of a number.
 DECIMALS = 6

@@ -126,7 +126,7 @@ class Scenes(RuleBasedStateMachine):
         settings = _tolerance(rng)
         settings["method"] = one(rng, ("CERTIFIED", "DISTANCE", "SHARP", "SECOND_ORDER", "FIRST_ORDER"))
         settings["vertices"] = one(rng, ("OBJECT", "CONTROL", "LIMIT"))
-        clean = not any(map(addon.module("state.results").has_traces, bpy.data.meshes))
+        clean = not any(map(addon.module("state.mesh_values").has_traces, bpy.data.meshes))
         if self._call("compute", **settings):
             _same(f"compute {settings} finished", self.before_last, snapshot.is_ours)
             if clean:
@@ -153,7 +153,7 @@ class Scenes(RuleBasedStateMachine):
         self.before_result = None
 
     def clear(self, rng: Random) -> None:
-        has_traces = addon.module("state.results").has_traces
+        has_traces = addon.module("state.mesh_values").has_traces
         if self._call("clear"):
             if self.before_result is not None and not any(map(has_traces, bpy.data.meshes)):
                 # What the heat map shows stays as it was chosen.

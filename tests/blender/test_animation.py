@@ -154,7 +154,7 @@ def test_a_change_while_depths_are_being_computed_is_noticed(monkeypatch: pytest
     """The record has what was read at the beginning, not what is there at the end."""
     holder = scene.add_object(meshes.landscape(8, 8))
     module = addon.module("operators.compute_depth")
-    write = module.results.write_depths
+    write = module.mesh_values.write_depths
 
     def change(*given: object) -> None:
         holder.scale.x = 2.0
@@ -162,6 +162,6 @@ def test_a_change_while_depths_are_being_computed_is_noticed(monkeypatch: pytest
         bpy.context.view_layer.update()
         write(*given)
 
-    monkeypatch.setattr(module.results, "write_depths", change)
+    monkeypatch.setattr(module.mesh_values, "write_depths", change)
     addon.compute(holder)
     assert told_by_the_panel(holder).startswith("Out of date: mesh")

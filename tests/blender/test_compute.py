@@ -254,7 +254,7 @@ def test_another_result_takes_the_place_of_the_first_and_says_which_depths_are_t
 
 def test_bounds_are_never_rounded_down() -> None:
     bounds = np.append(np.random.default_rng(1).random(100), [0.0, 1e-30, 1.0])
-    single = addon.module("state.results").rounded_up(bounds)
+    single = addon.module("state.mesh_values").rounded_up(bounds)
     assert single.dtype == np.float32
     assert np.all(single >= bounds)
     assert np.all(single <= bounds * (1 + np.finfo(np.float32).eps))

@@ -19,7 +19,7 @@ from tests.blender.updating import move_vertex
 
 contents = addon.module("ui.legend_contents")
 heat_map = addon.module("state.heat_map")
-selected = addon.module("ui.selected_results")
+selected = addon.module("ui.selected_objects")
 
 
 def shown_legend() -> Any:

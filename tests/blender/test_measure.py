@@ -97,7 +97,7 @@ def test_the_tolerance_is_met_or_not_or_nothing_is_decided(capfd: pytest.Capture
 def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     """A third is between two numbers of single precision."""
     holder, third = subdivided_cube(), 1.0 / 3.0
-    tasks, write = addon.module("tasks.deviation_task"), addon.module("state.results").write_deviations
+    tasks, write = addon.module("tasks.deviation_task"), addon.module("state.mesh_values").write_deviations
     faces = np.zeros(len(holder.data.polygons))
     answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, faces, third, third, True, False, 0, np.zeros(3))
     write([holder], [answer], tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0))
@@ -324,9 +324,9 @@ def test_the_heat_map_shows_what_was_done_last() -> None:
     heat_map = addon.module("state.heat_map")
     for _ in range(2):
         addon.compute(holder, tolerance=0.1)
-        assert (settings.heat_map, heat_map.last_result(holder.data)) == ("DEPTH", heat_map.Shown.DEPTH)
+        assert (settings.heat_map, heat_map.last_kind(holder.data)) == ("DEPTH", heat_map.Shown.DEPTH)
         addon.measure(holder, time_limit=0.1)
-        assert (settings.heat_map, heat_map.last_result(holder.data)) == ("DEVIATION", heat_map.Shown.DEVIATION)
+        assert (settings.heat_map, heat_map.last_kind(holder.data)) == ("DEVIATION", heat_map.Shown.DEVIATION)
     assert {*addon.ATTRIBUTES, "ccdepth_deviation"} <= {*holder.data.attributes.keys()}
     settings.heat_map = "NONE"
     addon.measure(holder, time_limit=0.1)

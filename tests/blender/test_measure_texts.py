@@ -91,7 +91,7 @@ def test_a_range_of_lengths_has_one_unit_where_one_serves() -> None:
         ([0.00095, 0.00364], "NONE", "0.00095–0.00364"),
     ):
         set_units(system)
-        assert addon.module("ui.selected_results").lengths_text(bpy.context.scene, found) == text
+        assert addon.module("ui.selected_objects").lengths_text(bpy.context.scene, found) == text
 
 
 def test_counts_and_shares() -> None:

@@ -86,7 +86,7 @@ def test_the_report_of_depths(tmp_path: Path) -> None:
     source, output, report = save_cubes(tmp_path / "cubes.blend", "One", "Two"), tmp_path / "out.blend", tmp_path / "a"
     assert run(source, *LINE, "--output", output, "--json", report) == 0
     content = report_in(report)
-    assert content["program"]["version"] == addon.module("state.results").version()
+    assert content["program"]["version"] == addon.module("state.mesh_values").version()
     assert (content["blender"], content["action"], content["met"]) == (bpy.app.version_string, "depths", True)
     [entry] = content["files"]
     assert entry["input"] == {"path": "cubes.blend", "sha256": sha256(source), "metres_per_unit": 1.0}

@@ -245,7 +245,7 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
         ("exchange.adaptive_mesh", "write_shape_keys"),
         ("exchange.shape_keys", "_copy_animation"),
         ("operators.place_results", "_place_beside"),
-        ("state.results", "write_adaptive"),
+        ("state.mesh_values", "write_adaptive"),
         ("exchange.control_mesh", "mesh_arrays"),
     ],
 )

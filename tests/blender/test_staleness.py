@@ -557,7 +557,7 @@ def test_undo_in_edit_mode_is_followed() -> None:
         addon.examine_touched()
         assert addon.histogram(bpy.context.object) == first
         bpy.ops.ed.undo()
-        assert not addon.module("state.results").has_result(bpy.context.object.data)
+        assert not addon.module("state.mesh_values").has_depths(bpy.context.object.data)
 
 
 def test_nothing_is_left_running() -> None:

@@ -340,7 +340,7 @@ def test_objects_that_share_a_mesh_have_one_count() -> None:
     assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
     alone = known_count(second).faces
     addon.select(first, second)
-    panel, counts = addon.module("ui.selected_results"), addon.module("state.known")
+    panel, counts = addon.module("ui.selected_objects"), addon.module("state.known")
     settings = addon.module("tasks.adaptive_task").AdaptiveSettings.of(bpy.context.scene.ccdepth, 0.02)
     assert counts.known_count(panel.chosen_meshes(bpy.context), settings) is None
     assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The selected objects with results or refusals, for panels and legend, and their totals."""
+"""The selected objects with depths, results or refusals, for panels and legend, and their totals."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import bpy
 
-from ..state import heat_map, known, result_record, results
+from ..state import heat_map, known, mesh_values, result_record
 from ..state.heat_map import Shown
 from .lengths import common_unit, length_text
 
@@ -23,7 +23,7 @@ def chosen_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 def with_depths(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected or edited objects with depths that were not made by subdivision, or else the active one."""
-    return _selected(context, lambda holder: results.has_result(holder.data) and not holder.data.ccdepth.subdivision)
+    return _selected(context, lambda each: mesh_values.has_depths(each.data) and not each.data.ccdepth.subdivision)
 
 
 def made_objects(context: bpy.types.Context) -> list[bpy.types.Object]:

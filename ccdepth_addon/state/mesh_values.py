@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .. import version
 from ..core import FloatArray
-from ..exchange.result_attributes import (
+from ..exchange.face_values import (
     ATTRIBUTES,
     BOUND_KIND,
     DEPTH_KIND,
@@ -25,13 +25,13 @@ from ..exchange.result_attributes import (
     rounded_up,
     write_face_values,
 )
-from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
+from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from ..tasks.surfaces import SurfaceSettings, naming
 
 
-def has_result(mesh: bpy.types.Mesh) -> bool:
+def has_depths(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds depths of ours; undo in Edit Mode can remove them and leave their record."""
     return mesh.ccdepth.has_result and has_values(mesh, DEPTH_KIND)
 
@@ -43,12 +43,12 @@ def has_deviation(mesh: bpy.types.Mesh) -> bool:
 
 def has_any(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds depths or deviations."""
-    return has_result(mesh) or has_deviation(mesh)
+    return has_depths(mesh) or has_deviation(mesh)
 
 
 def is_deviation_last(mesh: bpy.types.Mesh) -> bool:
     """Whether the last result that is still on the mesh is a measurement."""
-    return has_deviation(mesh) and (mesh.ccdepth.shows_deviation or not has_result(mesh))
+    return has_deviation(mesh) and (mesh.ccdepth.shows_deviation or not has_depths(mesh))
 
 
 def has_traces(mesh: bpy.types.Mesh) -> bool:
@@ -99,7 +99,7 @@ def _write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSetti
 
 def write_adaptive(
     mesh: bpy.types.Mesh,
-    answer: AdaptiveResult,
+    answer: AdaptiveAnswer,
     settings: AdaptiveSettings,
     depths: NDArray[np.int32],
     proved: FloatArray,

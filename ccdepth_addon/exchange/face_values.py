@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The results on a mesh as attributes of its faces: depths, bounds and deviations, in Object Mode and in Edit Mode."""
+"""Our values on a mesh, attributes of its faces: depths, bounds and deviations, in Object Mode and in Edit Mode."""
 
 from __future__ import annotations
 
