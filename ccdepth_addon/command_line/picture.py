@@ -147,7 +147,7 @@ def _new_scene(size: float) -> bpy.types.Scene:
     scene.display_settings.display_device = "sRGB"
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
-    scene.camera = _add_object(scene, "Camera", _new_camera(), _placed(WIDTH / 2, HEIGHT / 2, 2 * WIDTH))
+    scene.camera = _add_object(scene, "Camera", _new_camera(), Matrix.Translation((WIDTH / 2, HEIGHT / 2, 2 * WIDTH)))
     _add_rectangle(scene, 0, 0, WIDTH, HEIGHT, BACKGROUND_COLOR, z=-2 * WIDTH)
     return scene
 
@@ -158,10 +158,6 @@ def _new_camera() -> bpy.types.Camera:
     camera.ortho_scale = WIDTH
     camera.clip_start, camera.clip_end = 1.0, 5.0 * WIDTH
     return camera
-
-
-def _placed(x: float, y: float, z: float) -> Matrix:
-    return Matrix.Translation((x, y, z))
 
 
 def _view_rotation() -> Matrix:
@@ -192,7 +188,7 @@ def _fitting(meshes: list[bpy.types.Mesh], matrices: list[Matrix]) -> Matrix:
     space = np.array([WIDTH - 3 * MARGIN - LEGEND_WIDTH, HEIGHT - 2 * MARGIN - TITLE_HEIGHT])
     # What is only a line or a point to the viewer is still let into the picture, and nothing comes before the camera.
     scale = min((space / np.maximum(extent[:2], extent.max() / 100 + 1e-30)).min(), WIDTH / max(extent[2], 1e-30))
-    centre = _placed(MARGIN + space[0] / 2, MARGIN + space[1] / 2, 0.0)
+    centre = Matrix.Translation((MARGIN + space[0] / 2, MARGIN + space[1] / 2, 0.0))
     return centre @ Matrix.Scale(scale, 4) @ Matrix.Translation(-middle)
 
 
@@ -262,7 +258,7 @@ def _add_rectangle(
     mesh = bpy.data.meshes.new("Rectangle")
     mesh.from_pydata([(left, bottom, 0), (right, bottom, 0), (right, top, 0), (left, top, 0)], [], [(0, 1, 2, 3)])
     give_material(mesh, emission_material())
-    _add_object(scene, "Rectangle", mesh, _placed(0, 0, z), color)
+    _add_object(scene, "Rectangle", mesh, Matrix.Translation((0, 0, z)), color)
 
 
 def _add_text(
@@ -277,7 +273,7 @@ def _add_text(
         curve.overflow = "SCALE"
         curve.text_boxes[0].width, curve.text_boxes[0].height = WIDTH - x - MARGIN, 1.5 * size
     give_material(curve, emission_material())
-    _add_object(scene, "Text", curve, _placed(x, y, WIDTH), color)
+    _add_object(scene, "Text", curve, Matrix.Translation((x, y, WIDTH)), color)
 
 
 def _add_object(

@@ -12,7 +12,7 @@ from .blender_arrays import write_values
 from .custom_normals import write_limit_normals
 from .data_blocks import own_copy, remove_shape_keys
 from .shape_keys import basis_mesh, write_shape_keys
-from .vertex_groups import groups_of, write_groups
+from .vertex_groups import write_groups
 
 # The modifier's default.
 UV_SMOOTH = "PRESERVE_BOUNDARIES"
@@ -35,7 +35,8 @@ def new_mesh(
     mesh = own_copy(base)
     holder = bpy.data.objects.new(mesh.name, mesh)
     try:
-        groups, active = groups_of(holder), holder.vertex_groups.active_index
+        groups = [(group.name, group.lock_weight) for group in holder.vertex_groups]
+        active = holder.vertex_groups.active_index
         remove_shape_keys(holder)
         mesh.clear_geometry()
         mesh.property_unset("ccdepth")

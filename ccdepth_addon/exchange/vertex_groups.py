@@ -22,11 +22,6 @@ WEIGHTS = "ccdepth_weights"
 Groups = list[tuple[str, bool]]
 
 
-def groups_of(holder: bpy.types.Object) -> Groups:
-    """The vertex groups of an object's mesh."""
-    return [(group.name, group.lock_weight) for group in holder.vertex_groups]
-
-
 def has_groups(mesh: bpy.types.Mesh) -> bool:
     """Whether a mesh has vertex groups, which only its objects know."""
     holder = bpy.data.objects.new(mesh.name, mesh)

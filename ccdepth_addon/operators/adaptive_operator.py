@@ -46,7 +46,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         settings = self.settings()
         outcome = super()._refuse(context, fault)
         if isinstance(fault, TooManyError):
-            known.remember_count(context, [fault.object_names], settings, [fault.count])
+            known.remember_count(context, fault.tasks, settings, [fault.count])
         return outcome
 
     def settings(self) -> AdaptiveSettings:

@@ -43,7 +43,7 @@ class CCDEPTH_OT_count_faces(CountingOperator):
         tasks = yield from self.read(context)
         work = partial(count_results, tasks, self.settings())
         counts = yield Work(work, "Counting faces: {:,.0f} so far".format, self.counted)
-        known.remember_count(context, [task.object_names for task in tasks], self.settings(), counts)
+        known.remember_count(context, tasks, self.settings(), counts)
         if not counts[0].are_too_many:
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:

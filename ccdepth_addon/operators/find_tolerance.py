@@ -34,7 +34,7 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
         properties.set_scene_tolerance(context.scene.ccdepth, fit.tolerance)
         settings = replace(self.settings(), tolerance=fit.tolerance)
         counts = [FaceCount(faces) for faces in fit.counts]
-        known.remember_count(context, [task.object_names for task in tasks], settings, counts)
+        known.remember_count(context, tasks, settings, counts)
         unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
         self.report({"INFO"}, text)

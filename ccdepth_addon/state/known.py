@@ -20,7 +20,7 @@ from ..exchange.control_mesh import ControlMeshError, own_diagonal, read_control
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
-from ..tasks.adaptive_task import AdaptiveSettings
+from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask
 from . import mesh_values, out_of_date, viewports, watch
 from .result_record import control_object
 
@@ -122,22 +122,20 @@ def _recorded(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
 
 def remember_count(
     context: bpy.types.Context,
-    groups: Sequence[Sequence[str]],
+    tasks: Sequence[AdaptiveTask],
     settings: AdaptiveSettings,
     counts: Sequence[FaceCount],
 ) -> None:
-    """Keep and show the count of each result, and the count of all results together, until the objects change.
-
-    groups: the names of the objects that get each result. With too many faces, any count is the count of all.
-    """
+    """Keep and show the count of each task's result, and the count of all results together, until the objects change.
+    With too many faces, any count is the count of all."""
     # What was evaluated for counting must not look like a change of the objects.
     context.view_layer.update()
     together = counts[0]
     if not together.are_too_many:
         together = FaceCount(sum(count.faces for count in counts))
-        for names, count in zip(groups, counts, strict=True):
-            _counts[_uids(bpy.data.objects[name] for name in names)] = settings, count
-    _counts[_uids(bpy.data.objects[name] for names in groups for name in names)] = settings, together
+        for task, count in zip(tasks, counts, strict=True):
+            _counts[_uids(bpy.data.objects[name] for name in task.object_names)] = settings, count
+    _counts[_uids(bpy.data.objects[name] for task in tasks for name in task.object_names)] = settings, together
     viewports.redraw(context)
 
 

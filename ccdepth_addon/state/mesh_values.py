@@ -83,8 +83,7 @@ def _write_all(holders: Sequence[bpy.types.Object], columns: Sequence[Mapping[At
 
 
 def _write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings) -> None:
-    record = _new_record(mesh, answer.depths, settings)
-    record.world_tolerance = answer.world_tolerance
+    record = _new_record(mesh, answer.depths, settings, answer.world_tolerance)
     record.largest_bound = float(rounded_up(answer.bounds).max(initial=0.0))
     record.method = settings.method
     record.vertices, record.follows_objects = answer.vertices, settings.follows_objects
@@ -107,15 +106,16 @@ def write_adaptive(
     """Write depths (F,), and proved distances (F,) where the mesh was made, with its record, in Object Mode."""
     bounds = rounded_up(answer.largest_over_users(proved))
     write_face_values(mesh, {DEPTH_KIND: depths, BOUND_KIND: bounds})
-    record = _new_record(mesh, depths, settings)
+    record = _new_record(mesh, depths, settings, answer.world_tolerance)
     record.subdivision = settings.mode
-    record.world_tolerance = answer.world_tolerance
     record.base_faces = answer.task.surface.control.face_count
     record.largest_bound = float(bounds.max(initial=0.0))
     record.uniform_faces = str(answer.uniform_faces)
 
 
-def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: SurfaceSettings) -> bpy.types.PropertyGroup:
+def _new_record(
+    mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: SurfaceSettings, world_tolerance: float
+) -> bpy.types.PropertyGroup:
     """The mesh's record, with the fields that all results share."""
     record = mesh.ccdepth
     record.has_result = True
@@ -123,10 +123,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record.frames = ""
     record.unreduced_triangles = 0
     record.shows_deviation = False
-    record.tolerance = settings.tolerance
-    record.tolerance_mode = settings.tolerance_mode
-    record.version = version()
-    record.faces = len(depths)
+    _write_inputs(record, settings, world_tolerance, len(depths))
     record.deepest = int(depths.max(initial=0))
     record.rows.clear()
     counts = np.bincount(depths)
@@ -145,15 +142,21 @@ def _write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: Me
     record.deviation_reached = -float(rounded_up(-answer.reached))
     found = record.measurement
     found.measured, found.against = answer.measured, answer.against
-    found.tolerance, found.tolerance_mode = settings.tolerance, settings.tolerance_mode
-    found.world_tolerance = answer.tolerance
+    _write_inputs(found, settings, answer.tolerance, len(answer.deviations))
     found.verdict = answer.verdict.name
     found.accuracy, found.accuracy_met = settings.accuracy, answer.accuracy_met
     found.use_modifiers = settings.use_modifiers
-    found.version = version()
-    found.faces = len(answer.deviations)
     found.worst_face = answer.worst_face
     found.worst_point = answer.worst_point
+
+
+def _write_inputs(
+    record: bpy.types.PropertyGroup, settings: SurfaceSettings, world_tolerance: float, faces: int
+) -> None:
+    record.tolerance, record.tolerance_mode = settings.tolerance, settings.tolerance_mode
+    record.world_tolerance = world_tolerance
+    record.version = version()
+    record.faces = faces
 
 
 @dataclass(frozen=True)

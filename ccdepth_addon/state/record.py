@@ -32,20 +32,25 @@ class Contributor(bpy.types.PropertyGroup):
     frame: IntProperty()
 
 
-class Measurement(bpy.types.PropertyGroup):
+class Inputs:
+    """What was computed with, and when."""
+
+    tolerance: FloatProperty(description="The tolerance as it was given")
+    tolerance_mode: StringProperty()
+    world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
+    use_modifiers: BoolProperty()
+    version: StringProperty(description="The version of CC Depth")
+    faces: IntProperty()
+
+
+class Measurement(Inputs, bpy.types.PropertyGroup):
     """A measurement on this mesh: inputs, verdict and worst place."""
 
     measured: StringProperty(description="The name of the measured object at the time")
     against: StringProperty(description="The name of the object with the limit surface at the time")
-    tolerance: FloatProperty(description="The tolerance as it was given")
-    tolerance_mode: StringProperty()
-    world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
     verdict: StringProperty(description="Whether the tolerance is met: MET, NOT_MET or UNDECIDED")
     accuracy: FloatProperty(description="The accuracy as it was given")
     accuracy_met: BoolProperty(description="Whether the two distances are within the accuracy of each other")
-    use_modifiers: BoolProperty()
-    version: StringProperty(description="The version of CC Depth at the measurement")
-    faces: IntProperty()
     worst_face: IntProperty(
         description="The face of the mesh with the largest deviation; -1 for a face that modifiers added"
     )
@@ -58,7 +63,7 @@ class Measurement(bpy.types.PropertyGroup):
     )
 
 
-class MeshRecord(bpy.types.PropertyGroup):
+class MeshRecord(Inputs, bpy.types.PropertyGroup):
     """The outcomes on this mesh, their inputs, and the colours to restore.
 
     On an adaptive mesh ``subdivision`` is set, and the depth of a face is the depth of its base face.
@@ -69,19 +74,13 @@ class MeshRecord(bpy.types.PropertyGroup):
     base_faces: IntProperty(description="Faces of the control mesh")
     unreduced_triangles: IntProperty(description="Triangles of the adaptive mesh without Reduce; 0 when not reduced")
     largest_bound: FloatProperty(description="The largest distance proved", subtype="DISTANCE")
-    tolerance: FloatProperty(description="The tolerance as it was given")
-    tolerance_mode: StringProperty()
-    world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
     method: StringProperty()
     vertices: StringProperty(
         description="Where the subdivided mesh has its vertices: CONTROL or LIMIT; OBJECT where objects have both"
     )
     follows_objects: BoolProperty(description="Whether the objects' own modifiers said where the vertices are")
-    use_modifiers: BoolProperty()
     frames: StringProperty(description="The computed frames; empty for the scene as it was")
     worst_frame: IntProperty(description="Among the frames with the deepest depth, the frame with the largest distance")
-    version: StringProperty(description="The version of CC Depth at the computation")
-    faces: IntProperty()
     exact_faces: IntProperty(description="Faces with a depth that is proved minimal")
     deepest: IntProperty()
     added_deepest: IntProperty(description="The deepest depth of faces that modifiers add from no face of the mesh")

@@ -47,12 +47,11 @@ class Fit:
 
 
 class TooManyError(ComputeError):
-    """The results would have too many faces together. object_names: of all that would have got one."""
+    """The results of these tasks would have too many faces together."""
 
     def __init__(self, tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> None:
         super().__init__(too_many_text(tasks, count, settings))
-        self.object_names = [name for task in tasks for name in task.object_names]
-        self.count = count
+        self.tasks, self.count = tasks, count
 
 
 def subdivide(

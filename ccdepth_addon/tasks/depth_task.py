@@ -97,12 +97,12 @@ class MeshTask:
 @dataclass(frozen=True)
 class DepthWork:
     """The data read, and the settings to compute with. tasks: by the session identifiers of the meshes. faults: the
-    objects at fault so far. arrays: those of control meshes over frames, by object."""
+    objects at fault so far. arrays: those of control meshes over frames."""
 
     settings: DepthSettings
     faults: Faults
     tasks: dict[int, MeshTask] = field(default_factory=dict)
-    arrays: dict[str, dict[bytes, Any]] = field(default_factory=dict)
+    arrays: dict[bytes, Any] = field(default_factory=dict)
 
     def decide(self) -> None:
         """Decide which surfaces are measured, and check them. Raises ComputeError, naming every object at fault."""
@@ -204,7 +204,7 @@ def _read_objects(
                         context, each, use_modifiers=use_modifiers, shared=shared, copies=copies
                     )
                     if frame is not None:
-                        control = control.with_known_arrays(work.arrays.setdefault(each.name, {}))
+                        control = control.with_known_arrays(work.arrays)
                     task = _task_of(each, work.tasks)
                     surface = surface_of(each.name, control, settings)
                     task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
