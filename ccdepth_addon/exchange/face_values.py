@@ -78,8 +78,8 @@ def write_face_values(
 ) -> None:
     """Write attributes in Object Mode or in Edit Mode, all or none.
 
-    columns: (F,), one value for each face. undo: when it is closed, the mesh has its old attributes again; in Edit
-    Mode, where Blender keeps what is written, it does nothing.
+    columns: (F,), one value for each face, or of colours a row for each corner. undo: when it is closed, the mesh has
+    its old attributes again; in Edit Mode, where Blender keeps what is written, it does nothing.
     Raises WriteError, with nothing changed, when Blender does not keep them.
     """
     if mesh.is_editmode:
@@ -184,16 +184,13 @@ def write_colors(mesh: bpy.types.Mesh, colors: NDArray[np.float32]) -> None:
 
     Raises WriteError, with nothing changed, when Blender does not keep them.
     """
-    attributes = mesh.attributes
-    displayed, before = attributes.active_color_name, _stored(mesh, COLOR_KIND)
+    attributes, displayed = mesh.attributes, mesh.attributes.active_color_name
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-    with _active_kept(mesh):
-        try:
-            write_attribute(mesh, COLOR, COLOR_KIND.data_type, COLOR_KIND.domain, np.repeat(colors, sizes, axis=0))
-        except BaseException:
-            _put_back(mesh, {COLOR_KIND: before})
-            attributes.active_color_name = displayed
-            raise
+    try:
+        write_face_values(mesh, {COLOR_KIND: np.repeat(colors, sizes, axis=0)})
+    except BaseException:
+        attributes.active_color_name = displayed
+        raise
     if displayed != COLOR:
         mesh.ccdepth.previous_active_color = displayed
         attributes.active_color_name = COLOR

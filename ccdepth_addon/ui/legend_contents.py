@@ -12,14 +12,18 @@ import bpy
 from ..state.colors import LAST_DEPTH, depth_colors
 from ..state.heat_map import Shown, tolerance_of, top
 from . import deviation_panel, panels
-from .distance_scale import Mark, distance_marks
-from .lengths import Rounding, in_unit, length_text, unit_for
+from .lengths import Rounding, in_unit, length_text, number_text, unit_for
 from .selected_objects import faces_by_depth, lengths_text
 
 Color = tuple[float, ...]
 
 # Longer names are cut.
 LONGEST_NAME = 20
+
+# The most steps of round numbers beside a scale.
+MOST_STEPS = 5
+
+TOLERANCE = "tolerance"
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,15 @@ class Row:
     label: str
     faces: int
     color: Color
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A number beside the scale, at a part of the height, and what the number is."""
+
+    height: float
+    number: str
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -95,6 +108,25 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
         marks=lambda gap: distance_marks(*ends, gap),
         has_beyond=any(length > top(kind, tolerance, scene.ccdepth) for tolerance, length in found.items()),
     )
+
+
+def distance_marks(top: Decimal, tolerance: Decimal, gap: float) -> list[Mark]:
+    """The marks of a scale up to ``top``, from the lowest on. gap: what a number takes, as a part of the height."""
+    wanted = [(tolerance, TOLERANCE)] if tolerance <= top else []
+    wanted += [(top, ""), *((number, "") for number in round_numbers(top))]
+    marks: list[Mark] = []
+    for number, note in wanted:
+        height = float(number / top)
+        if all(abs(height - other.height) >= gap for other in marks):
+            marks.append(Mark(height, number_text(number), note))
+    return sorted(marks, key=lambda mark: mark.height)
+
+
+def round_numbers(top: Decimal) -> list[Decimal]:
+    """Few numbers from 0 to ``top``, in steps of 1, 2 or 5 times a power of ten."""
+    magnitude = Decimal(1).scaleb((top / MOST_STEPS).adjusted())
+    step = next(factor * magnitude for factor in (1, 2, 5, 10) if factor * magnitude * MOST_STEPS >= top)
+    return [index * step for index in range(int(top / step) + 1)]
 
 
 def _largest(mesh: bpy.types.Mesh, kind: Shown) -> float:

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..state.colors import BEYOND, scale_colors
-from .distance_scale import TOLERANCE
-from .legend_contents import Color, Legend
+from .legend_contents import TOLERANCE, Color, Legend
 
 # The width of a text in a font of that size, both in pixels.
 Measure = Callable[[str, float], float]

@@ -156,7 +156,6 @@ def test_tolerances_that_differ_are_told_in_parts() -> None:
 
 
 layout: ModuleType = addon.module("ui.legend_layout")
-distance_scale: ModuleType = addon.module("ui.distance_scale")
 
 LETTER = 0.55
 
@@ -178,7 +177,7 @@ def depths(count: int = 9) -> Any:
 
 
 def distances(*, beyond: bool = False) -> Any:
-    mark = distance_scale.Mark
+    mark = contents.Mark
     marks = [mark(0.0, "0.0"), mark(0.6, "0.3", "tolerance"), mark(1.0, "0.5")]
     return contents.Legend("Deviation (m)", [TOLERANCE, "Suzanne"], marks=lambda _gap: marks, has_beyond=beyond)
 

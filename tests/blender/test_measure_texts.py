@@ -15,7 +15,7 @@ import pytest
 from tests.blender import addon
 
 lengths = addon.module("ui.lengths")
-distance_scale = addon.module("ui.distance_scale")
+contents = addon.module("ui.legend_contents")
 job = addon.module("operators.job")
 
 
@@ -113,7 +113,7 @@ def test_counts_and_shares() -> None:
 
 @pytest.mark.parametrize("top", ["1", "0.0378", "2.5", "999", "4.9999", "1e-7"])
 def test_round_numbers_are_few_and_reach_far(top: str) -> None:
-    numbers = distance_scale.round_numbers(Decimal(top))
+    numbers = contents.round_numbers(Decimal(top))
     assert 2 <= len(numbers) <= 6
     assert numbers[0] == 0
     step = numbers[1]
@@ -124,7 +124,7 @@ def test_round_numbers_are_few_and_reach_far(top: str) -> None:
 @pytest.mark.parametrize("top", ["0.5", "1", "1.02", "3", "40"])
 def test_marks_have_room_and_the_tolerance_has_one_where_it_is_on_the_scale(top: str) -> None:
     gap = 0.1
-    marks = distance_scale.distance_marks(Decimal(top), Decimal(1), gap)
+    marks = contents.distance_marks(Decimal(top), Decimal(1), gap)
     heights = [mark.height for mark in marks]
     # Heights are rounded to double precision.
     assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))
