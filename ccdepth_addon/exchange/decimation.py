@@ -27,7 +27,8 @@ MAY_MOVE = 1.0
 class Decimation:
     """A mesh that is reduced step by step, along with all its attributes and vertex groups.
 
-    Decimate works in the scene's proportions. The meshes in between are data-blocks that ``remove`` removes.
+    Decimate works in the scene's proportions. The meshes in between are data-blocks, each removed as soon as it is
+    neither the first, the current one, the last attempt nor the one that was kept; ``remove`` removes these as well.
     """
 
     def __init__(self, mesh: bpy.types.Mesh, world: FloatArray, tolerance: float) -> None:
@@ -39,41 +40,41 @@ class Decimation:
         used = positions[np.unique(read_built_in(mesh.attributes, ".corner_vert", "value", np.int32))]
         self._middle = (used.min(axis=0) + used.max(axis=0)) / 2
         self._to_decimate = world * (TOLERANCE / tolerance)
-        self._start, self._current, self._attempt, self._kept = 0, 0, 0, 0
+        self._uids = dict.fromkeys(("start", "current", "attempt", "kept"), 0)
         scratch = own_copy(mesh)
         try:
             moved = (positions - self._middle) @ self._to_decimate.T
             write_values(scratch.attributes["position"].data, "vector", moved.astype(np.float32))
-            self._start = self._current = _made_by(scratch, lambda holder: None).session_uid
+            self._uids["start"] = self._uids["current"] = _made_by(scratch, lambda holder: None).session_uid
         finally:
             bpy.data.meshes.remove(scratch)
 
     def current(self) -> TriangleMesh:
         """The triangles that the next attempt begins with, in the scene."""
-        return self._triangles(_mesh(self._current))
+        return self._triangles(self._mesh("current"))
 
     def lines(self) -> ShortIndexArray:
         """(L, 2): the vertices of edges on lines of the current mesh, which Decimate does not know."""
-        return line_edges(_mesh(self._current))
+        return line_edges(self._mesh("current"))
 
     def borders(self) -> ShortIndexArray:
         """(B, 2): the vertices of edges at its border, where Decimate leaves more of them than are needed."""
-        return border_edges(_mesh(self._current))
+        return border_edges(self._mesh("current"))
 
     def attempt_thinner(self, lines: ShortIndexArray, may_go: BoolArray) -> TriangleMesh:
         """Remove vertices from the lines of the current mesh; the result, in the scene. may_go: (V,), those that may
         be removed."""
-        self._drop(self._attempt)
-        thinned = own_copy(_mesh(self._current))
-        self._attempt = thinned.session_uid
+        self._let("attempt", 0)
+        thinned = own_copy(self._mesh("current"))
+        self._let("attempt", thinned.session_uid)
         thin_lines(thinned, lines, may_go, PART_FOR_LINES * TOLERANCE)
         return self._triangles(thinned)
 
     def attempt(self, triangles: int, is_fixed: BoolArray) -> TriangleMesh:
         """Merge triangles of the current mesh until so many are left; the result, in the scene. is_fixed: (V,), the
         vertices that must stay."""
-        self._drop(self._attempt)
-        mesh = _mesh(self._current)
+        self._let("attempt", 0)
+        mesh = self._mesh("current")
 
         def decimate(holder: bpy.types.Object) -> None:
             modifier = holder.modifiers.new("Decimate", "DECIMATE")
@@ -85,32 +86,28 @@ class Decimation:
                 group.add(np.flatnonzero(~is_fixed).tolist(), MAY_MOVE, "REPLACE")
                 modifier.vertex_group = group.name
 
-        self._attempt = _made_by(mesh, decimate).session_uid
-        return self._triangles(_mesh(self._attempt))
+        self._let("attempt", _made_by(mesh, decimate).session_uid)
+        return self._triangles(self._mesh("attempt"))
 
     def accept(self, *, keep: bool) -> None:
         """Let the last attempt be the current mesh. keep: and the one that ``write`` writes."""
-        if self._current not in (self._start, self._kept):
-            self._drop(self._current)
-        self._current, self._attempt = self._attempt, 0
+        self._let("current", self._uids["attempt"])
         if keep:
             self.keep()
 
     def keep(self) -> None:
         """Let the current mesh be the one that ``write`` writes."""
-        if self._kept not in (0, self._start, self._current):
-            self._drop(self._kept)
-        self._kept = self._current
+        self._let("kept", self._uids["current"])
 
     def write(self, mesh: bpy.types.Mesh, places: Places) -> None:
         """Give a mesh the geometry, attributes and groups of the one that was kept, in object space. places: of its
         vertices on the mesh it all began with."""
-        kept = _mesh(self._kept)
+        kept = self._mesh("kept")
         names = set(mesh.attributes.keys())
         write_values(kept.attributes["position"].data, "vector", self._stored(kept))
         with as_bmesh(kept, mesh):
             pass
-        _interpolate_at(places, _mesh(self._start), mesh)
+        _interpolate_at(places, self._mesh("start"), mesh)
         # Selections that BMesh adds.
         for name in [name for name in mesh.attributes.keys() if name.startswith(".") and name not in names]:  # noqa: SIM118
             if ".select" in name or ".uv_select" in name:
@@ -119,9 +116,8 @@ class Decimation:
 
     def remove(self) -> None:
         """Remove what is left of the meshes in between."""
-        for uid in {self._start, self._current, self._attempt, self._kept}:
-            self._drop(uid)
-        self._start = self._current = self._attempt = self._kept = 0
+        for role in self._uids:
+            self._let(role, 0)
 
     def _stored(self, mesh: bpy.types.Mesh) -> FloatArray:
         """(V, 3) float32: positions in object space, as they are stored."""
@@ -135,8 +131,14 @@ class Decimation:
         corners = read_built_in(mesh.attributes, ".corner_vert", "value", np.int32).reshape(-1, 3)
         return TriangleMesh(positions, corners.astype(np.intp))
 
-    def _drop(self, uid: int) -> None:
-        bpy.data.batch_remove(meshes_with([uid]))
+    def _mesh(self, role: str) -> bpy.types.Mesh:
+        return meshes_with([self._uids[role]])[0]
+
+    def _let(self, role: str, uid: int) -> None:
+        """Give a role to the mesh with this session identifier, or to none; a mesh without any role left is removed."""
+        before, self._uids[role] = self._uids[role], uid
+        if before not in self._uids.values():
+            bpy.data.batch_remove(meshes_with([before]))
 
 
 def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
@@ -162,10 +164,6 @@ def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh
         values = read_values(attribute.data, kind.value, kind.dtype, kind.width)
         values[corners] = np.einsum("ck,ckd->cd", weights, known.reshape(len(triangles), 3, -1)[which])
         write_values(attribute.data, kind.value, values, kind.step)
-
-
-def _mesh(uid: int) -> bpy.types.Mesh:
-    return meshes_with([uid])[0]
 
 
 def _positions(mesh: bpy.types.Mesh) -> FloatArray:
