@@ -17,8 +17,9 @@ from _thread import interrupt_main
 from argparse import Namespace
 from base64 import b64decode, b64encode
 from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from secrets import token_hex
 from threading import Thread, Timer
 from time import monotonic, sleep
@@ -52,23 +53,33 @@ def process_files(
     order in which they end. What is printed about a file is printed when it is done. arguments: the command line."""
     mark = token_hex()
     command = [*process, f"--worker={mark}", *arguments]
-    waiting: _Waiting = SimpleQueue()
-    for number in range(len(options.files)):
-        waiting.put(number)
-    done: _Done = SimpleQueue()
-    workers = [_Worker(command, mark, options, waiting, done) for _ in options.files[: options.jobs]]
-    try:
-        for worker in workers:
-            worker.start()
-        for _ in options.files:
-            number, entry, output = done.get()
-            print(output, end="", flush=True)
-            yield number, entry
-    finally:
-        for worker in workers:
-            worker.let_end()
-        for worker in workers:
-            worker.end()
+    workers = [_Worker(command, mark, options) for _ in options.files[: options.jobs]]
+    idle: SimpleQueue[_Worker] = SimpleQueue()
+    for worker in workers:
+        idle.put(worker)
+
+    def done(number: int) -> tuple[int, FileEntry, str]:
+        worker = idle.get()
+        try:
+            return number, *worker.done(number)
+        except Exception as fault:
+            # Whatever it is, the other files are done.
+            return number, worker.failed(number, str(fault)), ""
+        finally:
+            idle.put(worker)
+
+    with ThreadPoolExecutor(len(workers)) as pool:
+        try:
+            for ended in as_completed([pool.submit(done, number) for number in range(len(options.files))]):
+                number, entry, output = ended.result()
+                print(output, end="", flush=True)
+                yield number, entry
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in workers:
+                worker.let_end()
+            for worker in workers:
+                worker.end()
 
 
 def given_numbers() -> Iterator[int]:
@@ -94,34 +105,15 @@ def answer(mark: str, entry: FileEntry) -> str:
     return f"{mark}{b64encode(pickle.dumps(entry)).decode()}"
 
 
-# The numbers of files that are to be done; the number of one that is, what was done with it and what was printed.
-_Waiting = SimpleQueue[int]
-_Done = SimpleQueue[tuple[int, FileEntry, str]]
-
-
-class _Worker(Thread):
+class _Worker:
     """A process that does files, and another one after each that ends it."""
 
-    def __init__(self, command: Sequence[str], mark: str, options: Namespace, waiting: _Waiting, done: _Done) -> None:
-        super().__init__(daemon=True)
+    def __init__(self, command: Sequence[str], mark: str, options: Namespace) -> None:
         self._command, self._mark, self._options = command, mark, options
-        self._waiting, self._all_done = waiting, done
         self._process: subprocess.Popen[str] | None = None
         self._may_start = True
 
-    def run(self) -> None:
-        """Do files until none is left."""
-        with suppress(Empty):
-            while self._may_start:
-                number = self._waiting.get_nowait()
-                try:
-                    entry, output = self._done(number)
-                except Exception as fault:
-                    # Whatever it is, the others wait for an answer.
-                    entry, output = self._failed(number, str(fault)), ""
-                self._all_done.put((number, entry, output))
-
-    def _done(self, number: int) -> tuple[FileEntry, str]:
+    def done(self, number: int) -> tuple[FileEntry, str]:
         """The entry of a file, and the output printed meanwhile. When the process ends meanwhile, and had done other
         files before, which may be to blame, the file is tried once more by a new one."""
         is_new, begin, limit = self._process is None, monotonic(), self._options.file_timeout
@@ -140,11 +132,11 @@ class _Worker(Thread):
             return entry, output
         status, self._process = process.wait(), None
         if limit and monotonic() - begin >= limit:
-            return self._failed(number, f"it was not done within {limit:g} seconds"), output
+            return self.failed(number, f"it was not done within {limit:g} seconds"), output
         if self._may_start and not is_new:
-            return self._done(number)
+            return self.done(number)
         last = next((line.strip() for line in reversed(output.split("\n")) if line.strip()), "it printed nothing")
-        return self._failed(number, f"Blender ended with status {status}: {last}"), output
+        return self.failed(number, f"Blender ended with status {status}: {last}"), output
 
     def _answered(self, process: subprocess.Popen[str], number: int) -> tuple[FileEntry | None, str]:
         """A process's entry of a file, nothing if the process ends before, and the output printed meanwhile."""
@@ -166,7 +158,7 @@ class _Worker(Thread):
             timer.cancel()
         return None, output
 
-    def _failed(self, number: int, error: str) -> FileEntry:
+    def failed(self, number: int, error: str) -> FileEntry:
         source = self._options.files[number]
         output = output_of(source, self._options)
         if output is not None:
@@ -190,4 +182,3 @@ class _Worker(Thread):
                 process.wait(2 * GRACE)
             except subprocess.TimeoutExpired:
                 process.kill()
-        self.join()
