@@ -16,13 +16,12 @@ import bpy
 import gpu
 import numpy as np
 from bpy.app.handlers import persistent
-from mathutils import Matrix
 
 from ..exchange.displayed_mesh import DisplayedMesh
 from ..registration import add_handlers, remove_handlers
 from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, on_scale, shown, top
-from .overlay_items import items
+from .overlay_items import Item, items, read_item
 
 # A multiple of all depths, so that each has its exact colour; the last one is for what is beyond the scale.
 RAMP_STEPS = 240
@@ -80,16 +79,7 @@ class _Batches(NamedTuple):
     edges: gpu.types.GPUBatch | None
 
 
-class _Drawn(NamedTuple):
-    """An object or instance to draw."""
-
-    batches: _Batches
-    matrix: Matrix
-    scale: float
-    tolerance: float
-    in_front: bool
-    is_edited: bool
-
+_Drawn = tuple[_Batches, Item]
 
 # None of a mesh without values.
 _batches: dict[Hashable, _Batches | None] = {}
@@ -131,20 +121,19 @@ def _list(context: bpy.types.Context, kind: Shown) -> list[_Drawn]:
     places = space.local_view is not None, space.use_local_collections, space.show_object_viewport_mesh
     key = kind, context.scene.session_uid, layer.name, space.as_pointer(), places
     if key not in _lists:
-        found = items(context.evaluated_depsgraph_get(), space, kind)
         _lists[key] = [
-            _Drawn(batches, each.matrix, each.matrix.median_scale, each.tolerance, each.in_front, each.is_edited)
-            for each in found
-            if (batches := _batches_of(each, kind)) is not None
+            (batches, item)
+            for evaluated, item in items(context.evaluated_depsgraph_get(), space, kind)
+            if (batches := _batches_of(evaluated, item, kind)) is not None
         ]
     return _lists[key]
 
 
-def _batches_of(item: Any, kind: Shown) -> _Batches | None:
+def _batches_of(evaluated: bpy.types.Object, item: Item, kind: Shown) -> _Batches | None:
     """The batches of an item, made where they are missing."""
     key = kind, item.key
     if key not in _batches:
-        mesh = item.read(kind)
+        mesh = read_item(evaluated, kind)
         _batches[key] = None if mesh is None else _made(mesh, kind)
     _keys.setdefault(item.owner, set()).add(key)
     return _batches[key]
@@ -194,7 +183,7 @@ class _View:
 
     def paint_all(self, drawn: list[_Drawn]) -> None:
         """Draw everything."""
-        in_front = [each for each in drawn if each.in_front]
+        in_front = [each for each in drawn if each[1].in_front]
         gpu.state.blend_set("ALPHA")
         # The depth of what is In Front is elsewhere, and before 5.0 that of all in X-Ray: they get one here.
         gpu.state.color_mask_set(False, False, False, False)
@@ -208,7 +197,7 @@ class _View:
         self._paint(drawn)
         self._paint(drawn, part="chosen")
         # Edit Mode has its own.
-        self._paint([each for each in drawn if not each.is_edited], part="edges")
+        self._paint([each for each in drawn if not each[1].is_edited], part="edges")
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("NONE")
 
@@ -217,8 +206,8 @@ class _View:
         nearer = 1.0 if part == "faces" else 2.0
         uniform("bias", (nearer * self.nearer, nearer * NEARER_IN_DEPTH, self.perspective, float(farthest)))
         opacity, last = self.settings.heat_map_opacity, None
-        for each in drawn:
-            batch = getattr(each.batches, part)
+        for batches, each in drawn:
+            batch = getattr(batches, part)
             if batch is None:
                 continue
             seen = min(opacity, LARGEST_TRANSLUCENT) if each.is_edited or self.is_xray else opacity

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import bpy
 from mathutils import Matrix
@@ -17,38 +17,39 @@ from ..state.heat_map import Shown, tolerance_of
 FACES_DRAWN = {"SOLID", "TEXTURED"}
 
 
-@dataclass(frozen=True)
-class Item:
-    """An evaluated object to draw, valid only until the next item.
+class Item(NamedTuple):
+    """An object or instance to draw.
 
     key: equal for objects that look the same. owner: the session identifier of the object whose changes change the
-    item. tolerance: of the values, as a length in the scene. in_front, is_edited: of the visible object.
+    item. scale: of the matrix. tolerance: of the values, as a length in the scene. in_front, is_edited: of the visible
+    object.
     """
 
-    evaluated: bpy.types.Object
     key: Hashable
     owner: int
     matrix: Matrix
+    scale: float
     tolerance: float
     in_front: bool
     is_edited: bool
 
-    def read(self, kind: Shown) -> DisplayedMesh | None:
-        """The mesh to draw; None without values."""
-        # This completes what Blender evaluates late, as in Edit Mode and where the graphics card subdivides.
-        mesh = self.evaluated.to_mesh()
-        try:
-            in_object_mode = self.evaluated.mode == "OBJECT"
-            chosen = known.is_selection_shown(self.evaluated.original.data)
-            return read_displayed_mesh(
-                mesh, kind.values, with_hidden=in_object_mode, with_chosen=in_object_mode and chosen
-            )
-        finally:
-            self.evaluated.to_mesh_clear()
+
+def read_item(evaluated: bpy.types.Object, kind: Shown) -> DisplayedMesh | None:
+    """The mesh to draw of an item's object; None without values."""
+    # This completes what Blender evaluates late, as in Edit Mode and where the graphics card subdivides.
+    mesh = evaluated.to_mesh()
+    try:
+        in_object_mode = evaluated.mode == "OBJECT"
+        chosen = known.is_selection_shown(evaluated.original.data)
+        return read_displayed_mesh(mesh, kind.values, with_hidden=in_object_mode, with_chosen=in_object_mode and chosen)
+    finally:
+        evaluated.to_mesh_clear()
 
 
-def items(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, kind: Shown) -> Iterator[Item]:
-    """The items to draw in a 3D View."""
+def items(
+    depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, kind: Shown
+) -> Iterator[tuple[bpy.types.Object, Item]]:
+    """The items to draw in a 3D View, each with its evaluated object, which is valid only until the next one."""
     for instance in depsgraph.object_instances:
         evaluated = instance.object
         if evaluated.type != "MESH" or not instance.show_self or not _may_have_values(evaluated, kind):
@@ -58,9 +59,9 @@ def items(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, kind: Sh
         if seen.visible_in_viewport_get(space) and seen.display_type in FACES_DRAWN:
             is_own = instance.is_instance and original == seen
             key, owner = _key(evaluated, is_own=is_own), (seen if is_own else original).session_uid
-            tolerance = tolerance_of(original.data, kind)
-            matrix = instance.matrix_world.copy()
-            yield Item(evaluated, key, owner, matrix, tolerance, seen.show_in_front, seen.mode == "EDIT")
+            matrix, tolerance = instance.matrix_world.copy(), tolerance_of(original.data, kind)
+            is_edited = seen.mode == "EDIT"
+            yield evaluated, Item(key, owner, matrix, matrix.median_scale, tolerance, seen.show_in_front, is_edited)
 
 
 def _may_have_values(evaluated: bpy.types.Object, kind: Shown) -> bool:

@@ -28,7 +28,7 @@ def with_depths(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 def made_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected objects that Apply Adaptive Subdivision made, from others or in place."""
-    return _selected(context, lambda holder: result_record.is_result(holder) or result_record.is_adaptive(holder))
+    return _selected(context, result_record.is_adaptive)
 
 
 def refused_objects(context: bpy.types.Context) -> list[bpy.types.Object]:

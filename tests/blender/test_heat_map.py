@@ -231,11 +231,11 @@ def drawn(kind: Shown) -> list[Any]:
 
 def items(kind: Shown) -> list[str]:
     """The names of what is drawn."""
-    return [each.evaluated.name for each in drawn(kind)]
+    return [evaluated.name for evaluated, _ in drawn(kind)]
 
 
 def read(kind: Shown) -> list[Any]:
-    return [each.read(kind) for each in drawn(kind)]
+    return [overlay_items.read_item(evaluated, kind) for evaluated, _ in drawn(kind)]
 
 
 def test_the_map_goes_and_comes_with_its_object() -> None:
@@ -276,8 +276,8 @@ def test_modifiers_instances_and_shape_keys_are_shown_as_they_are_drawn() -> Non
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()
     found = [
-        (each.key, each.matrix.translation.x, each.read(Shown.DEPTH))
-        for each in overlay_items.items(depsgraph, views()[0], Shown.DEPTH)
+        (each.key, each.matrix.translation.x, overlay_items.read_item(evaluated, Shown.DEPTH))
+        for evaluated, each in overlay_items.items(depsgraph, views()[0], Shown.DEPTH)
     ]
     (key, _, mesh), (other, _, _) = found
     assert key == other
@@ -298,7 +298,7 @@ def test_objects_that_look_alike_are_kept_once() -> None:
     addon.compute(first, other)
     duplicate, bent = scene.add_mesh(first.data), scene.add_mesh(first.data)
     bent.modifiers.new("Bend", "SIMPLE_DEFORM")
-    keys = {each.evaluated.name: each.key for each in drawn(Shown.DEPTH)}
+    keys = {evaluated.name: item.key for evaluated, item in drawn(Shown.DEPTH)}
     assert keys[first.name] == keys[duplicate.name]
     assert len({keys[each.name] for each in (first, other, bent)}) == 3
 
