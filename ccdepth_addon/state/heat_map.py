@@ -25,16 +25,15 @@ Values = NDArray[np.int32] | NDArray[np.float32]
 
 
 class Shown(Enum):
-    """The kinds of values in the heat map, by name in the scene's setting, with titles for legends."""
+    """The kinds of values in the heat map, by name in the scene's setting: with a title for legends, and the attribute
+    that has the values."""
 
-    DEPTH = "Levels Needed"
-    DISTANCE = "Proved Distance"
-    DEVIATION = "Deviation"
+    DEPTH = "Levels Needed", DEPTH_KIND
+    DISTANCE = "Proved Distance", BOUND_KIND
+    DEVIATION = "Deviation", DEVIATION_KIND
 
-    @property
-    def values(self) -> AttributeKind:
-        """The attribute that has them."""
-        return {Shown.DEPTH: DEPTH_KIND, Shown.DISTANCE: BOUND_KIND, Shown.DEVIATION: DEVIATION_KIND}[self]
+    def __init__(self, title: str, values: AttributeKind) -> None:
+        self.title, self.values = title, values
 
 
 def shown(settings: bpy.types.PropertyGroup) -> Shown | None:

@@ -69,8 +69,8 @@ def legend(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Obje
     notes = [f"for {lengths_text(scene, found)}", name]
     alert = _alert(scene.ccdepth, kind, objects)
     if kind is Shown.DEPTH:
-        return Legend(kind.value, notes, alert, rows=depth_rows(objects))
-    return _distances(scene, kind, found, Legend(kind.value, notes, alert))
+        return Legend(kind.title, notes, alert, rows=depth_rows(objects))
+    return _distances(scene, kind, found, Legend(kind.title, notes, alert))
 
 
 def short_name(name: str) -> str:
