@@ -84,9 +84,12 @@ class ControlMesh:
     def of(
         cls, arrays: PolygonMesh, rule: SurfaceRule, base_faces: IndexArray | None, world: FloatArray
     ) -> ControlMesh:
-        """Raises InvalidMeshError without faces."""
+        """Raises InvalidMeshError without faces, and where faces have vertices that there are not."""
         if arrays.face_count == 0:
             raise InvalidMeshError("the mesh has no faces")
+        beyond = np.flatnonzero(arrays.corner_vertices >= arrays.vertex_count)
+        if len(beyond):
+            raise InvalidMeshError(f"{len(beyond):,} corners of faces at vertices that the mesh does not have")
         return cls(ControlTopology(arrays, rule, base_faces), arrays.positions.astype(np.float32), world)
 
     @cached_property

@@ -165,6 +165,14 @@ def test_meshes_without_faces_are_named() -> None:
     refuses("select_invalid", "Empty: the mesh has no faces")
 
 
+def test_corners_at_no_vertex_are_refused() -> None:
+    """As files have them that were written wrongly."""
+    holder = scene.add_object(meshes.landscape(4, 3))
+    for loop in holder.data.loops[:2]:
+        loop.vertex_index = 1000
+    compute_refused("2 corners of faces at vertices that the mesh does not have", holder)
+
+
 def test_the_panel_knows_until_a_run_goes_well() -> None:
     known = addon.module("state.known")
     holder = with_repeated_vertices(2, 7)
