@@ -43,24 +43,25 @@ def test_triangles_are_those_that_blender_draws(name: str, level: int) -> None:
     """All but those of quads that may be folded, which count with both diagonals."""
     holder = MESHES[name]()
     mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
-    level_quads = addon.module("core.distance.level_quads")
+    level_quads = addon.module("core.mesh.level_quads")
     refinement = addon.module("core.surface.refinement").Refinement.start(mesh, np.arange(mesh.face_count))
     is_turned = np.zeros(mesh.face_count, dtype=bool)
     for _ in range(level):
         is_turned = level_quads.turned_children(is_turned, refinement.mesh.face_sizes[: len(is_turned)])
         refinement = refinement.refined()
-    leaves = addon.module("core.distance.leaf_distances").Leaves.of(
-        refinement, is_turned, addon.module("core.bounds.norm_bounds").Vertices.CONTROL, 1.0
+    leaves = addon.module("core.deviation.leaf_deviations").DrawnLeaves.of(
+        refinement, is_turned, addon.module("core.bounds.norm_bounds").Vertices.CONTROL, None
     )
-    corners = leaves.shell.triangles.corners[: 2 * len(leaves.points)]
-    certain = np.repeat(~level_quads.may_be_folded(leaves.points, is_turned, None), 2)
-    drawn = middles_of_drawn(holder, level)
-    assert len(drawn) == len(corners)
+    drawn = level_quads.QUAD_TRIANGLES[is_turned.astype(int)]
+    corners = np.take_along_axis(leaves.points[:, None], drawn[..., None], axis=2).reshape(-1, 3, 3)
+    certain = np.repeat(~leaves.is_folded, 2)
+    found = middles_of_drawn(holder, level)
+    assert len(found) == len(corners)
     assert np.count_nonzero(certain) > 0.9 * len(corners)
     middles = np.random.default_rng(1).permutation(corners[certain].mean(axis=1))[:SOME]
     # Single precision at coordinates of some ten; middles along the other diagonal are farther off by far.
     for middle in middles:
-        assert np.linalg.norm(drawn - middle, axis=1).min() < 1e-5
+        assert np.linalg.norm(found - middle, axis=1).min() < 1e-5
 
 
 def test_methods_of_earlier_files_keep_their_numbers() -> None:
@@ -100,7 +101,7 @@ LEAST: dict[str, tuple[Callable[[], meshes.MeshData], float]] = {
 @pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
 @pytest.mark.parametrize("name", LEAST)
 def test_the_level_that_is_set_is_measured_to_be_enough_and_the_one_before_is_not(name: str, vertices: str) -> None:
-    """By Measure Deviation, which shares no bound with the method."""
+    """By Measure Deviation."""
     make, tolerance = LEAST[name]
     holder, near = scene.add_object(make()), {"tolerance": tolerance, "tolerance_mode": "RELATIVE"}
     addon.compute(holder, **near, method="DISTANCE", vertices=vertices)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations_with_replacement, pairwise
+from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -11,17 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccdepth_addon.core.arrays.types import FloatArray
-from ccdepth_addon.core.bounds.norm_bounds import Vertices
-from ccdepth_addon.core.distance import pieces as surface_pieces
-from ccdepth_addon.core.distance.leaf_distances import Leaves
 from ccdepth_addon.core.distance.leaf_surfaces import support_points
 from ccdepth_addon.core.distance.piece_hulls import Pieces
-from ccdepth_addon.core.distance.pieces import SQUARE_FORM, TRIANGLE_FORM
+from ccdepth_addon.core.distance.pieces import TRIANGLE_FORM
 from ccdepth_addon.core.distance.shell_bounds import shell_bounds
-from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
+from ccdepth_addon.core.distance.shells import Shell, Triangles
 from ccdepth_addon.core.distance.side_bounds import raised_at_sides
-from ccdepth_addon.core.surface.refinement import Refinement
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
+from ccdepth_addon.core.mesh.level_quads import QUAD_TRIANGLES
 from tests import meshes
 from tests.triangle_distances import point_to_triangles
 
@@ -46,9 +42,10 @@ def landscape(bumps: float, seed: int, limit: float = 1.0, away: float = 0.0) ->
     mesh = meshes.to_polygon_mesh(meshes.grid(SIDE, SIDE))
     positions = mesh.positions + generator.normal(size=mesh.positions.shape) * [0.15, 0.15, bumps] + away
     mesh = mesh.changed(positions=positions)
-    points = mesh.positions[mesh.corner_vertices].reshape(-1, 4, 3)
-    is_turned = generator.random(len(points)) < 0.5
-    triangles = Triangles.of(mesh, points, vertex_vectors(mesh, None), is_turned)
+    is_turned = generator.random(mesh.face_count) < 0.5
+    quads = mesh.corner_vertices.reshape(-1, 4)
+    vertices = np.take_along_axis(quads[:, None], QUAD_TRIANGLES[is_turned.astype(int)], axis=2).reshape(-1, 3)
+    triangles = Triangles.of(mesh.positions[vertices], vertices)
     return Shell.of(triangles, np.ones(mesh.vertex_count, dtype=bool), limit)
 
 
@@ -147,31 +144,3 @@ def test_shells_are_no_thicker_than_their_prisms(bumps: float) -> None:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         assert np.all(np.einsum("td,tkd->tk", normals, thick.triangles.vectors[:count]) > 0)
     assert thick.ranges.max() < 100.0
-
-
-def test_all_of_a_quad_is_looked_at_however_it_is_divided(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The triangles' parts over which pieces are bounded cover them, where some pieces have to be divided."""
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.torus(6, 5)), smooth_corners=True)
-    count = mesh.face_count
-    leaves = Leaves.of(Refinement.start(mesh, np.arange(count)), np.arange(count) % 2 == 1, Vertices.LIMIT, 100.0)
-    generator, areas = np.random.default_rng(5), np.zeros(count)
-
-    def some(shell: Shell, pieces: Pieces, off_beyond: None) -> FloatArray:
-        is_open = generator.random(len(pieces.triangles)) < 0.25
-        form = SQUARE_FORM if len(pieces.flats) == 16 else TRIANGLE_FORM
-        first, *others = pieces.flats[form.values]
-        if form is SQUARE_FORM:
-            others = [others[0], others[2], others[1]]
-        sides = [each - first for each in others]
-        area = sum(np.linalg.norm(np.cross(a, b), axis=1) / 2 for a, b in pairwise(sides))
-        np.add.at(areas, pieces.triangles[~is_open] // 2, area[~is_open])
-        return np.where(is_open, np.inf, 1.0)
-
-    monkeypatch.setattr(surface_pieces, "shell_bounds", some)
-    by_places, _ = leaves.distances(np.arange(count), lambda: None)
-    corners = leaves.shell.triangles.corners
-    sides = corners[:, 1:] - corners[:, :1]
-    whole = (np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2).reshape(-1, 2).sum(axis=1)
-    settled = by_places == 1.0
-    assert np.count_nonzero(settled) > count / 2
-    np.testing.assert_allclose(areas[settled], whole[settled])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.types import FloatArray, IndexArray
 from ..distance.shells import Triangles
 from ..mesh.submesh import compact
 from .leaf_approximation import AS_POLYGON, LeafApproximation
@@ -89,9 +89,7 @@ class LeafTriangles:
 
     def joined(self, plan: Plan) -> Triangles:
         """The triangles with the mean normals as vectors at the vertices."""
-        corners = self.corners(plan)
-        nothing = np.zeros(len(corners), dtype=bool)
-        return Triangles.joined(corners, self.vertices, *_neighbours(self.vertices, len(self.used)), nothing)
+        return Triangles.of(self.corners(plan), self.vertices)
 
 
 def _means_of_corners(plan: Plan, leaves: IndexArray) -> FloatArray:
@@ -102,19 +100,3 @@ def _means_of_corners(plan: Plan, leaves: IndexArray) -> FloatArray:
     corners = plan.positions.of(plan.tree.slot_vertices[slots])
     found: FloatArray = np.add.reduceat(corners, np.cumsum(counts) - counts) / counts[:, None]
     return found
-
-
-def _neighbours(vertices: IndexArray, count: int) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """across, apexes and is_closed of ``shells.Triangles``, of triangles (M, 3) with so many vertices: sides are open
-    where exactly two meet, of one orientation."""
-    ends = np.stack([vertices.ravel(), np.roll(vertices, -1, axis=1).ravel()])
-    keys = ends.min(axis=0) * count + ends.max(axis=0)
-    order = np.argsort(keys, kind="stable")
-    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
-    first = order[starts[np.diff(np.append(starts, len(keys))) == 2]]
-    second = order[starts[np.diff(np.append(starts, len(keys))) == 2] + 1]
-    opposite = ends[0, first] == ends[1, second]
-    twins = np.full(len(keys), -1)
-    twins[first[opposite]], twins[second[opposite]] = second[opposite], first[opposite]
-    twins = twins.reshape(-1, 3)
-    return np.maximum(twins, 0) // 3, (np.maximum(twins, 0) % 3 + 2) % 3, twins < 0

@@ -22,7 +22,6 @@ from ..bounds.norm_bounds import Vertices
 from ..deviation.box_tree import BoxTree, overlapping
 from ..deviation.columns import columns
 from ..deviation.triangles import distance_slack, to_triangles
-from ..distance.level_quads import may_be_folded, turned_children
 from ..distance.middle_distances import (
     are_apart,
     middle_distances,
@@ -31,7 +30,7 @@ from ..distance.middle_distances import (
     rates_of,
     tight_boxes,
 )
-from ..distance.shells import QUAD_TRIANGLES
+from ..mesh.level_quads import QUAD_TRIANGLES, may_be_folded, turned_children
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from ..surface.patches import PatchKind, classify_patches, regular_nets

@@ -2,14 +2,14 @@
 """Depth by distance: of the sets themselves, whatever the parameters. docs/distance.md.
 
 Regular faces among regular ones have bounds for all levels by feet on the surface (``foot_bounds``). Where these do not
-decide, and around everything else, the leaves of a level are looked at one by one (``leaf_distances``): level by level,
-until all of a face's leaves are within the tolerance.
+decide, and around everything else, the leaves of a level are measured (``leaf_deviations``): level by level, until all
+of a face's leaves are within the tolerance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,12 @@ from ..arrays.chunks import index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
+from ..deviation.measure import rounding_allowance
 from ..distance.face_feet import FaceFeet
-from ..distance.leaf_distances import QUADS_AT_ONCE
-from ..distance.level_leaves import DEEPEST_REGULAR, LevelLeaves
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from .disproved_levels import DisprovedLevels
+from .level_leaves import DEEPEST_REGULAR, LevelLeaves, rings_around
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 # Leaves looked at together, about, with those around them.
@@ -111,6 +111,7 @@ class _SomeFaces:
     feet: FaceFeet
     vertices: Vertices
     limit: float
+    rounded: float
     tick: Callable[[], None]
 
     @staticmethod
@@ -123,7 +124,9 @@ class _SomeFaces:
             near = submesh(mesh, faces)[1]
             around, count = submesh(mesh, near)[0].changed(axes=mesh.axes), len(near)
         feet = FaceFeet.of(around, vertices, np.zeros(count, dtype=bool), tick)
-        return _SomeFaces(mesh, faces, feet, vertices, test.tolerance - test.allowance, tick)
+        size = float(np.abs(mesh.positions).max(initial=0.0))
+        rounded = rounding_allowance(mesh, size)
+        return _SomeFaces(mesh, faces, feet, vertices, test.tolerance - test.allowance, rounded, tick)
 
     def shown(self, level: int) -> Vertices:
         """At level 0 no modifier moves anything."""
@@ -155,19 +158,36 @@ class _SomeFaces:
 
         def bound(some: IndexArray) -> LevelBounds:
             leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), self.limit, lambda: None)
-            return LevelBounds(some, _distances(leaves, are_joined=are_joined))
+            return LevelBounds(some, _distances(leaves, self.limit, self.rounded, are_joined=are_joined))
 
         return map_in_threads(bound, index_chunks(faces, at_once), self.tick)
 
 
-def _distances(leaves: LevelLeaves, *, are_joined: bool) -> FloatArray:
-    """(B,): the largest distance of each face's leaves at equal parameters, which holds both ways; where that is beyond
-    the limit, by places in the shell. are_joined: as of ``by_leaves``."""
-    found = leaves.bounds.copy()
-    for own in index_chunks(np.flatnonzero(leaves.is_own), QUADS_AT_ONCE):
-        np.maximum.at(found, leaves.bases[own], leaves.leaves.at_equal_parameters(own))
-    is_open = found > leaves.leaves.limit
-    left = replace(leaves, is_own=leaves.is_own & np.append(is_open, False)[leaves.bases])
-    others = left.joined_distances if are_joined else left.own_distances
-    found[is_open] = others(lambda: None)[is_open]
-    return found
+def _distances(found: LevelLeaves, limit: float, rounded: float, *, are_joined: bool) -> FloatArray:
+    """(B,): the largest distance of each face's leaves at equal parameters, which holds both ways; of leaves where that
+    is beyond the limit, the deviation, both ways. are_joined: whether the surface over leaves beside these counts as
+    well: feet may not cover it there. rounded: what rounding can hide of a deviation."""
+    leaves, mesh = found.leaves, found.leaves.refinement.mesh
+    off = np.zeros(len(found.bases))
+    off[found.is_own] = leaves.keep(found.is_own).at_equal_parameters(rounded)
+    is_open = off > limit
+    if is_open.any():
+        beside = rings_around(mesh, is_open, 1) & ~found.is_own & are_joined
+        off[beside] = leaves.keep(beside).at_equal_parameters(rounded)
+        beside &= off > limit
+        measured = is_open | beside
+        around = rings_around(mesh, measured, 1)
+        deviations = leaves.keep(around).deviations(measured[around], is_open[around], limit, rounded)
+        off[measured] = deviations[measured[around]]
+        off[is_open] = np.maximum(off, _largest_around(mesh, np.where(beside, off, 0.0)))[is_open]
+    bounds = found.bounds.copy()
+    np.maximum.at(bounds, found.bases[found.is_own], off[found.is_own])
+    return bounds
+
+
+def _largest_around(mesh: PolygonMesh, values: FloatArray) -> FloatArray:
+    """(n,): the largest of values (n,) of the first n faces, quads, that share a vertex with each."""
+    corners = mesh.corner_vertices[: 4 * len(values)].reshape(-1, 4)
+    at_vertices = np.zeros(mesh.vertex_count)
+    np.maximum.at(at_vertices, corners, values[:, None])
+    return at_vertices[corners].max(axis=1)

@@ -21,6 +21,7 @@ from ..arrays.chunks import AT_ONCE, chunks, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import faces_alone
 from ..surface.bicubic import HALVES, NET_TO_BERNSTEIN
 from ..surface.catmull_clark import subdivide
 from ..surface.patches import classify_patches, extraordinary_nets, regular_nets
@@ -73,9 +74,11 @@ class BezierPieces:
     low, high: (N, 3), the corners of boxes around the pieces, or where that is less around all that is left of them.
     """
 
-    def __init__(self, unit_mesh: PolygonMesh, unit_faces: IndexArray, tick: Callable[[], None]) -> None:
-        """tick: is called again and again, and may raise to stop."""
-        self.unit_mesh = unit_mesh
+    def __init__(self, units: Refinement, unit_faces: IndexArray, tick: Callable[[], None]) -> None:
+        """units: quads; unit_faces: (n,) intp, the control face of each. tick: is called again and again, and may raise
+        to stop."""
+        count = len(units.bases)
+        self.unit_mesh = units.mesh if units.mesh.face_count == count else faces_alone(units.mesh, np.arange(count))
         self._tick = tick
         self.count = 0
         self.coefficients, self.middles = np.empty((0, 3, 16)), np.empty((0, 3))
@@ -84,7 +87,7 @@ class BezierPieces:
         self._store = self._row = np.empty(0, dtype=np.intp)
         self.sides = np.empty((0, 4), dtype=np.intp)
         self._stores: list[Refinement | Nets] = []
-        self._add_units(unit_faces)
+        self._add_units(units, unit_faces)
 
     @property
     def unit_count(self) -> int:
@@ -141,13 +144,10 @@ class BezierPieces:
             self._tighten(chosen)
         return np.concatenate([np.zeros(0, dtype=np.intp), *made])
 
-    def _add_units(self, unit_faces: IndexArray) -> None:
-        mesh = self.unit_mesh
-        refinement = Refinement(mesh, np.arange(mesh.face_count))
-        sides = mesh.corner_edges.reshape(-1, 4)
-        self._add_descendants(refinement, unit_faces, np.arange(mesh.face_count), sides, None)
+    def _add_units(self, refinement: Refinement, unit_faces: IndexArray) -> None:
+        units = np.arange(self.unit_count)
+        self._add_descendants(refinement, unit_faces, units, self.unit_mesh.corner_edges.reshape(-1, 4), None)
         # Most of these have several extraordinary corners, and their children one each.
-        units = np.arange(mesh.face_count)
         self.split(units[self.is_bilinear(units)])
 
     def _refine(self, refinement: Refinement, pieces: IndexArray) -> IndexArray:
@@ -265,7 +265,7 @@ def bezier_pieces(control: PolygonMesh, units_wanted: int, tick: Callable[[], No
     while 4 * mesh.face_count <= units_wanted:
         mesh, faces = subdivide(mesh).mesh, np.repeat(faces, 4)
         tick()
-    return BezierPieces(mesh, faces, tick)
+    return BezierPieces(Refinement(mesh, np.arange(mesh.face_count)), faces, tick)
 
 
 def bilinear_pieces(corners: FloatArray) -> FloatArray:

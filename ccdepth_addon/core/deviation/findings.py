@@ -14,6 +14,9 @@ from ..arrays.types import FloatArray, IndexArray
 # Per-face distances are found to this part of the largest one.
 SHARE_OF_LARGEST = 0.2
 
+# After so many rounds only what decides on the largest distance is split.
+ROUNDS_FOR_FACES = 4
+
 # As near as this part of it the limit is decided.
 DECIDING = 1e-6
 
@@ -81,8 +84,11 @@ class Findings:
             self.point, self.nearest = points[best].copy(), nearest[best].copy()
             self.face, self.triangle, self.surface_to_mesh = int(faces[best]), int(triangles[best]), surface_to_mesh
 
-    def goals(self, faces: IndexArray) -> FloatArray:
-        """(N,): bounds up to these are near enough to what is reached, in all and in each of these faces (N,)."""
+    def goals(self, faces: IndexArray, rounds: int) -> FloatArray:
+        """(N,): bounds up to these are near enough to what is reached, in all and in each of these faces (N,), after so
+        many rounds."""
+        if rounds >= ROUNDS_FOR_FACES:
+            return np.full(len(faces), self.target)
         in_faces = self.in_faces[faces] + SHARE_OF_LARGEST * self.reached
         return np.maximum(np.minimum(self.target, in_faces), max(self.floor, self.enough))
 

@@ -112,8 +112,8 @@ def measure_deviation(
     pieces = bezier_pieces(moved, len(triangles) // TRIANGLES_OF_A_UNIT, findings.tick)
     whole = 2 * np.sqrt(3) * size
     surface = SurfaceToMesh(pieces, mesh, findings, whole)
-    surface.settle()
-    other_way = MeshToSurface(surface, control.face_count, whole)
+    surface.settle(pieces.leaves())
+    other_way = MeshToSurface(surface, mesh, control.face_count, whole)
     other_way.settle()
     return _deviation(surface, other_way, triangle_faces, origin)
 

@@ -19,7 +19,7 @@ from .box_tree import BoxTree
 from .columns import NONE, columns
 from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
-from .triangles import distance_slack, to_triangles
+from .triangles import Triangles, distance_slack, to_triangles
 
 # Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
 LOOKED_AT, MEASURED, MEASURED_SHARE = 512, 16, 0.005
@@ -49,9 +49,6 @@ LONG = 0.25
 
 # When there are so many times as many pieces another tree is worth its while.
 GROWN = 1.5
-
-# After so many rounds only what decides on the largest distance is split.
-ROUNDS_FOR_FACES = 3
 
 
 @dataclass(frozen=True)
@@ -180,8 +177,8 @@ class MeshToSurface:
     """upper: (T,) float64, what is proved of each triangle; face_upper: (F,) float64, likewise of the parts that were
     compared with each control face."""
 
-    def __init__(self, surface: SurfaceToMesh, face_count: int, whole: float) -> None:
-        self.surface, self.findings, self.mesh = surface, surface.findings, surface.mesh
+    def __init__(self, surface: SurfaceToMesh, mesh: Triangles, face_count: int, whole: float) -> None:
+        self.surface, self.findings, self.mesh = surface, surface.findings, mesh
         self.whole = whole
         self.rounds = 0
         self.upper = np.zeros(self.mesh.count)
@@ -229,9 +226,7 @@ class MeshToSurface:
         np.maximum.at(self.face_upper, self.surface.pieces.faces[parts.leaves], parts.bounds)
 
     def _goals(self, parts: Parts) -> FloatArray:
-        if self.rounds >= ROUNDS_FOR_FACES:
-            return np.full(len(parts.owners), self.findings.target)
-        return self.findings.goals(self.surface.pieces.faces[parts.leaves])
+        return self.findings.goals(self.surface.pieces.faces[parts.leaves], self.rounds)
 
     def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
         corners = parts.corners[block]

@@ -31,9 +31,6 @@ ROUNDINGS = 2.0**-48
 # A bound so many times what is wanted may be brought there by another direction.
 NEARLY = 1.5
 
-# After so many rounds only what decides on the largest distance is split.
-ROUNDS_FOR_FACES = 4
-
 
 @dataclass(frozen=True)
 class NearestTriangles:
@@ -73,9 +70,8 @@ class SurfaceToMesh:
         self.nearest = np.zeros(pieces.count, dtype=np.intp)
         self.rounds = 0
 
-    def settle(self) -> None:
-        """Split pieces until what is proved is near what is reached."""
-        active = self.pieces.leaves()
+    def settle(self, active: IndexArray) -> None:
+        """Split pieces, of these on, until what is proved is near what is reached."""
         while len(active):
             # What is reached anywhere tells which bounds are good enough.
             for work, share in ((self._look, 0.0), (self._bound, 0.5)):
@@ -141,9 +137,7 @@ class SurfaceToMesh:
             np.maximum.at(findings.in_faces, np.repeat(pieces.faces[farthest], 4), found.distances)
 
     def _goals(self, block: IndexArray) -> FloatArray:
-        if self.rounds >= ROUNDS_FOR_FACES:
-            return np.full(len(block), self.findings.target)
-        return self.findings.goals(self.pieces.faces[block])
+        return self.findings.goals(self.pieces.faces[block], self.rounds)
 
     def _bound_by_heights(self, block: IndexArray, nearest: IndexArray) -> BoolArray:
         """Along the normal of the nearest triangle, and where that is not near enough along the piece's own; (n,) bool,

@@ -32,7 +32,7 @@ class Triangles:
     tree: BoxTree
 
     @staticmethod
-    def of(positions: FloatArray, triangles: IndexArray, tick: Callable[[], None]) -> Triangles:
+    def of(positions: FloatArray, triangles: IndexArray, tick: Callable[[], None] = lambda: None) -> Triangles:
         """positions: (V, 3); triangles: (T, 3) intp; tick: is called again and again, and may raise to stop."""
         corners = np.ascontiguousarray(triangles.T)
         points = positions[corners]

@@ -15,12 +15,12 @@ from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
+from ..mesh.level_quads import may_be_folded
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import SPLINE_HALVES, both_ways
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from .foot_bounds import LARGEST_TILT, FootBounds, equal_bounds, foot_bounds
 from .leaf_feet import leaf_feet
-from .level_quads import may_be_folded
 from .middle_distances import likely_at_parts
 
 # How often nets are halved both ways before parts without feet, or too far from equal parameters, are given up. What

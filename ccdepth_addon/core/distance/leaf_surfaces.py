@@ -26,9 +26,8 @@ from ..surface.refinement import Refinement
 from ..surface.squares import QUARTER_TURN, SQUARE, Squares
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 
-# Levels at first, and where the rest is too large then. What is left at an extraordinary vertex shrinks by 0.41 a level
-# for valence 3, and by up to 0.68 for others: more levels than these are beyond double precision.
-FEW_LEVELS, ALL_LEVELS = 4, 14
+# What is left at an extraordinary vertex shrinks by 0.41 a level for valence 3, and by up to 0.68 for others: more
+# levels than these are beyond double precision.
 MOST_LEVELS_3, MOST_REFINED_LEVELS = 8, 14
 
 # Hulls have more points than what is drawn there has corners: as many would count as coefficients.

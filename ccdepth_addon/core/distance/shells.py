@@ -16,28 +16,12 @@ import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, sums_by_index, units
-from ..mesh.polygon_mesh import PolygonMesh
-
-# The two triangles of a quad, by its corners: with the diagonal from corner 0 to 2, and with that from 1 to 3.
-QUAD_TRIANGLES = np.array([[[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [1, 3, 0]]])
-
-# Of each of these triangles the sides of the quad that its sides are, or DIAGONAL.
-DIAGONAL = -1
-QUAD_SIDES = np.array([[[0, 1, DIAGONAL], [DIAGONAL, 2, 3]], [[1, 2, DIAGONAL], [DIAGONAL, 3, 0]]])
-
-# The triangle at each side of a quad, and which of its sides that is.
-TRIANGLE_AT_SIDE = np.array([[0, 0, 1, 1], [1, 0, 0, 1]])
-SIDE_OF_TRIANGLE = np.array([[0, 1, 1, 2], [2, 0, 1, 1]])
 
 # Vectors may be this far from the normals of the triangles at them, as a cosine.
 LEAST_COSINE = 0.05
 
 # Prisms are used up to this part of the range at which they might be turned inside out.
 RANGE_SHARE = 0.9
-
-# Where a control point is off the surface, the vector at its vertex is along the way there, unless this cosine between
-# it and the normal is not reached.
-ALONG_ERROR = 0.7
 
 
 @dataclass(frozen=True)
@@ -47,8 +31,7 @@ class Triangles:
     corners, vectors: (T, 3, 3), T(p) and N(p) at the corners. normals: (T, 3), unit vectors. vertices: (M, 3) intp, cut
     along closed sides; origins: (V,) intp, those before they were cut.
     across: (M, 3) intp, the triangle across each side, from corner k to k + 1; apexes: (M, 3) intp, which of its
-    corners is opposite. is_closed: (M, 3) bool, sides where that is a flap. is_unknown: (M,) bool, triangles beside
-    quads that were not given.
+    corners is opposite. is_closed: (M, 3) bool, sides where that is a flap.
     """
 
     corners: FloatArray
@@ -59,51 +42,28 @@ class Triangles:
     across: IndexArray
     apexes: IndexArray
     is_closed: BoolArray
-    is_unknown: BoolArray
 
     @staticmethod
-    def of(mesh: PolygonMesh, points: FloatArray, vectors: FloatArray, is_turned: BoolArray) -> Triangles:
-        """Of the first K faces of a mesh, quads. points: (K, 4, 3), their corners as drawn; vectors: (V, 3), unit
-        vectors at the vertices. is_turned: (K,) bool, as in ``foot_bounds``."""
-        count, turned = len(points), is_turned.astype(np.intp)
-        order = QUAD_TRIANGLES[turned].reshape(-1, 3)
-        quads = np.repeat(np.arange(count), 2)
-        corners = points[quads[:, None], order]
-        vertices = mesh.corner_vertices[4 * quads[:, None] + order]
-        return Triangles.joined(corners, vertices, *_neighbours(mesh, count, turned), vectors)
-
-    @staticmethod
-    def joined(
-        corners: FloatArray,
-        vertices: IndexArray,
-        across: IndexArray,
-        apexes: IndexArray,
-        is_closed: BoolArray,
-        is_unknown: BoolArray,
-        vectors: FloatArray | None = None,
-    ) -> Triangles:
-        """M triangles that are joined at their sides, as in ``Triangles`` but for vertices (M, 3), which are not cut,
-        with flaps at the closed ones. vectors: (V, 3), unit vectors at the vertices; without them the mean normals."""
+    def of(corners: FloatArray, vertices: IndexArray) -> Triangles:
+        """M triangles, (M, 3, 3), and their vertices (M, 3), joined at sides that exactly two have, of one orientation,
+        with flaps at all others. Vectors are mean normals."""
+        across, apexes, is_closed = _neighbours(vertices)
         normals = units(cross_products(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
         vertices, origins = _cut(vertices, across, apexes, is_closed)
-        if vectors is None:
-            own_vectors = units(sums_by_index(vertices.ravel(), np.repeat(normals, 3, axis=0), len(origins)))[vertices]
-        else:
-            own_vectors = vectors[origins[vertices]]
+        vectors = units(sums_by_index(vertices.ravel(), np.repeat(normals, 3, axis=0), len(origins)))[vertices]
         own, side = np.nonzero(is_closed)
         across[own, side] = len(corners) + np.arange(len(own))
         apexes[own, side] = 2
-        flaps, their_vectors = _flaps(corners, own_vectors, normals, own, side)
+        flaps, their_vectors = _flaps(corners, vectors, normals, own, side)
         return Triangles(
             np.concatenate([corners, flaps]),
-            np.concatenate([own_vectors, their_vectors]),
+            np.concatenate([vectors, their_vectors]),
             np.concatenate([normals, normals[own]]),
             vertices,
             origins,
             across,
             apexes,
             is_closed,
-            is_unknown,
         )
 
     def flap_vertices(self) -> IndexArray:
@@ -137,26 +97,21 @@ def _cut(
     return cut.reshape(vertices.shape), vertices.ravel()[first]
 
 
-def _neighbours(
-    mesh: PolygonMesh, count: int, turned: IndexArray
-) -> tuple[IndexArray, IndexArray, BoolArray, BoolArray]:
-    """across, apexes, is_closed and is_unknown of ``Triangles``, of the first ``count`` faces."""
-    sides = QUAD_SIDES[turned].reshape(-1, 3)
-    own = np.arange(2 * count)
-    is_side = sides != DIAGONAL
-    halves = np.where(is_side, 4 * (own // 2)[:, None] + sides, 0)
-    twins = mesh.twin[halves]
-    is_closed = is_side & (twins == halves)
-    quads = mesh.corner_faces[twins]
-    is_unknown = is_side & (quads >= count)
-    known = np.where(is_side & ~is_closed & ~is_unknown, quads, 0)
-    at = np.where(is_side, twins - 4 * quads, 0) % 4
-    others = 2 * known + TRIANGLE_AT_SIDE[turned[known], at]
-    across = np.where(is_side, np.where(is_closed | is_unknown, 0, others), own[:, None] ^ 1)
-    # The diagonal is the last side of the first triangle, and the first of the second.
-    apexes_there = np.where((own % 2 == 0)[:, None], 2, 1)
-    apexes = np.where(is_side, (SIDE_OF_TRIANGLE[turned[known], at] + 2) % 3, apexes_there)
-    return across, apexes, is_closed, np.any(is_unknown, axis=1)
+def _neighbours(vertices: IndexArray) -> tuple[IndexArray, IndexArray, BoolArray]:
+    """across, apexes and is_closed of ``Triangles``, of triangles (M, 3): sides are open where exactly two meet, of one
+    orientation."""
+    count = int(vertices.max(initial=-1)) + 1
+    ends = np.stack([vertices.ravel(), np.roll(vertices, -1, axis=1).ravel()])
+    keys = ends.min(axis=0) * count + ends.max(axis=0)
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    first = order[starts[np.diff(np.append(starts, len(keys))) == 2]]
+    second = order[starts[np.diff(np.append(starts, len(keys))) == 2] + 1]
+    opposite = ends[0, first] == ends[1, second]
+    twins = np.full(len(keys), -1)
+    twins[first[opposite]], twins[second[opposite]] = second[opposite], first[opposite]
+    twins = twins.reshape(-1, 3)
+    return np.maximum(twins, 0) // 3, (np.maximum(twins, 0) % 3 + 2) % 3, twins < 0
 
 
 def _flaps(
@@ -172,19 +127,6 @@ def _flaps(
         np.stack([corners[end], corners[start], apexes], axis=1),
         np.stack([vectors[end], vectors[start], middles], axis=1),
     )
-
-
-def vertex_vectors(mesh: PolygonMesh, errors: FloatArray | None) -> FloatArray:
-    """(V, 3): unit vectors at the vertices. errors: (V, 3), how far the drawn vertices are off the surface, if they
-    are."""
-    points = mesh.positions[mesh.corner_vertices]
-    following, before = (points[each] - points for each in (mesh.next_corner, mesh.previous_corner))
-    normals = units(sums_by_index(mesh.corner_vertices, units(cross_products(following, before)), mesh.vertex_count))
-    if errors is None:
-        return normals
-    ways = units(errors)
-    cosines = dot_products(ways, normals)
-    return np.where((np.abs(cosines) >= ALONG_ERROR)[:, None], np.sign(cosines)[:, None] * ways, normals)
 
 
 @dataclass(frozen=True)
@@ -217,7 +159,6 @@ class Shell:
         prism_ranges = np.where(cosines > LEAST_COSINE, np.minimum(_prism_ranges(triangles), limit), 0.0)
         stars = _Stars.of(triangles, is_whole[triangles.origins], prism_ranges)
         ranges = stars.ranges[triangles.vertices].min(axis=1)
-        ranges[triangles.is_unknown] = 0.0
         least = np.full(len(triangles.origins), np.inf)
         at, normals = np.repeat(np.arange(len(least)), np.diff(stars.starts)), triangles.normals[stars.triangles]
         np.minimum.at(least, at, cosines[stars.triangles])

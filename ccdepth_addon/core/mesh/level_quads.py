@@ -6,7 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..mesh.folded_quads import is_folded
+from .folded_quads import is_folded
+
+# The two triangles of a quad, by its corners: with the diagonal from corner 0 to 2, and with that from 1 to 3.
+QUAD_TRIANGLES = np.array([[[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [1, 3, 0]]])
 
 
 def turned_children(is_turned: BoolArray, sizes: IndexArray) -> BoolArray:

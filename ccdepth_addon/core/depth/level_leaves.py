@@ -8,19 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
+from ..deviation.leaf_deviations import DrawnLeaves
+from ..distance.face_feet import FaceFeet
+from ..mesh.level_quads import turned_children
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, classify_patches
 from ..surface.refinement import Refinement
-from .face_feet import FaceFeet
-from .leaf_distances import QUADS_AT_ONCE, Leaves
-from .level_quads import turned_children
 
-# Rings of leaves around those that are asked for: two on which places in the shell have to be known, and one more that
-# gives these the triangles around.
-RINGS = 3
+# Rings of leaves around those that are asked for: one over which the surface counts as well, and one more that gives
+# this the triangles around.
+RINGS = 2
 
 # What is regular is divided into leaves no more often than this; where a level is farther, only this often, as smaller
 # parts may have feet.
@@ -33,7 +32,7 @@ class LevelLeaves:
     is_own: (K,) bool, leaves of the faces that no bound of a larger part covers. bounds: (B,), of the parts that are
     covered."""
 
-    leaves: Leaves
+    leaves: DrawnLeaves
     bases: IndexArray
     is_own: BoolArray
     bounds: FloatArray
@@ -44,7 +43,7 @@ class LevelLeaves:
     ) -> LevelLeaves:
         """Of some faces of a mesh. limit: no larger distance is of use. At level 0 faces have to be quads."""
         count = len(faces)
-        around = _rings(mesh, _mask(mesh.face_count, faces), RINGS)
+        around = rings_around(mesh, _mask(mesh.face_count, faces), RINGS)
         around[faces] = False
         if level == 0:
             around &= mesh.face_sizes == 4
@@ -65,7 +64,7 @@ class LevelLeaves:
             is_given_up = (regular_since == own_level - REGULAR_TRIES) & (level - regular_since > DEEPEST_REGULAR)
             bounds[bases[is_given_up]] = np.inf
             is_own &= np.isfinite(np.append(bounds, 0.0))[bases]
-            reach = _rings(refinement.mesh, is_own, RINGS)
+            reach = rings_around(refinement.mesh, is_own, RINGS)
             refinement = refinement.keep(reach)
             bases, regular_since = bases[reach], regular_since[reach]
             is_own, is_turned = is_own[reach], is_turned[reach]
@@ -77,37 +76,8 @@ class LevelLeaves:
             bases, regular_since = np.repeat(bases, sizes), np.repeat(regular_since, sizes)
             is_own = np.repeat(is_own, sizes)
             refinement = refinement.refined()
-        leaves = Leaves.of(refinement, is_turned, vertices, limit, mesh.axes)
-        leaves.shell.ranges[np.repeat(leaves.is_folded, 2)] = 0.0
+        leaves = DrawnLeaves.of(refinement, is_turned, vertices, mesh.axes)
         return LevelLeaves(leaves, bases, is_own, bounds)
-
-    def own_distances(self, tick: Callable[[], None]) -> FloatArray:
-        """(B,): the largest bound of each face's leaves, infinite where one has none."""
-        found = self.bounds.copy()
-        is_regular = _are_regular(self.leaves.refinement, self.is_own)
-        # Irregular ones are the worst, mostly: where they are not within the limit, nothing else needs to be.
-        for own in (np.flatnonzero(self.is_own & ~is_regular), np.flatnonzero(is_regular)):
-            for some in index_chunks(own, QUADS_AT_ONCE):
-                left = some[np.isfinite(found[self.bases[some]])]
-                np.maximum.at(found, self.bases[left], np.minimum(*self.leaves.distances(left, tick)))
-        return found
-
-    def joined_distances(self, tick: Callable[[], None]) -> FloatArray:
-        """(B,): the same, but bounds by places in the shell count only where all leaves around have one: then what is
-        found holds both ways, whatever else is known of the faces around."""
-        mesh, count = self.leaves.refinement.mesh, len(self.bases)
-        looked_at = _rings(mesh, self.is_own, 2)
-        quads = np.flatnonzero(looked_at)
-        by_places, at_equal = np.full((2, count), np.inf)
-        by_places[quads], at_equal[quads] = self.leaves.distances(quads, tick)
-        is_alone = _rings(mesh, looked_at & ~np.isfinite(by_places), 2)
-        own = np.flatnonzero(self.is_own)
-        again = own[is_alone[own] & np.isfinite(by_places[own])]
-        at_equal[again] = self.leaves.at_equal_parameters(again)
-        bounds = np.where(is_alone, at_equal, np.minimum(by_places, at_equal))
-        found = self.bounds.copy()
-        np.maximum.at(found, self.bases[own], bounds[own])
-        return found
 
 
 def _mask(count: int, chosen: IndexArray) -> BoolArray:
@@ -116,7 +86,7 @@ def _mask(count: int, chosen: IndexArray) -> BoolArray:
     return mask
 
 
-def _rings(mesh: PolygonMesh, wanted: BoolArray, rings: int) -> BoolArray:
+def rings_around(mesh: PolygonMesh, wanted: BoolArray, rings: int) -> BoolArray:
     """(n,) bool: wanted ones (n,) of the first n faces, and so many rings around them."""
     for _ in range(rings):
         wanted = _touching(mesh, wanted)

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The distances of a level's leaves, both ways: of the surface over each from the triangles around, and of its
+triangles from the surface around.
+
+Where only some of both are there, distances are no less than those of the whole. docs/deviation.md, Leaves of a level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..bounds.norm_bounds import Vertices
+from ..mesh.level_quads import QUAD_TRIANGLES, may_be_folded
+from ..progress import no_report
+from ..surface.refinement import Refinement
+from .bezier_pieces import BezierPieces
+from .findings import Findings
+from .measure import MARGIN
+from .mesh_to_surface import Facets, MeshToSurface
+from .surface_to_mesh import SurfaceToMesh
+from .triangles import Triangles
+
+# Pieces and parts that there may be for each leaf, and besides: what is not decided then is near the limit, and a level
+# more takes no longer.
+PIECES_OF_EACH, PIECES_BESIDES = 64, 1 << 12
+
+# Rounds after which nothing more is decided, mostly.
+MOST_ROUNDS = 20
+
+# The sides of a quad as triangles without area.
+SIDES = np.array([[0, 1, 1], [1, 2, 2], [2, 3, 3], [3, 0, 0]])
+
+
+class LeafFindings(Findings):
+    """What is wanted of leaves: whether each is within the limit."""
+
+    @property
+    def target(self) -> float:
+        """No distance that is reached is looked for."""
+        return np.inf
+
+    def goals(self, faces: IndexArray, rounds: int) -> FloatArray:
+        """(N,): the limit, and no bound where something is farther, or is not decided after many rounds."""
+        return np.where((self.in_faces[faces] > self.limit) | (rounds >= MOST_ROUNDS), np.inf, self.limit)
+
+
+@dataclass(frozen=True)
+class DrawnLeaves:
+    """K quads of a level, the descendants of a refinement, as they are drawn. points: (K, 4, 3), their corners.
+    is_turned: (K,) bool, whether they are drawn with the diagonal from corner 1 to 3; is_folded: (K,) bool, whether it
+    may be the other one."""
+
+    refinement: Refinement
+    points: FloatArray
+    is_turned: BoolArray
+    is_folded: BoolArray
+
+    @staticmethod
+    def of(refinement: Refinement, is_turned: BoolArray, vertices: Vertices, axes: FloatArray | None) -> DrawnLeaves:
+        """axes: of the space in which diagonals are chosen, as of ``PolygonMesh``."""
+        points = refinement.mesh.positions[refinement.corner_vertices()]
+        points = (refinement.limits_at_corners if vertices is Vertices.LIMIT else points).reshape(-1, 4, 3)
+        return DrawnLeaves(refinement, points, is_turned, may_be_folded(points, is_turned, axes))
+
+    def keep(self, wanted: BoolArray) -> DrawnLeaves:
+        """The wanted leaves alone: (K,) bool."""
+        refinement = self.refinement.keep(wanted)
+        return DrawnLeaves(refinement, self.points[wanted], self.is_turned[wanted], self.is_folded[wanted])
+
+    def at_equal_parameters(self, rounded: float) -> FloatArray:
+        """(K,): bounds of how far surface and triangles of each leaf are apart at equal parameters, with either
+        diagonal. rounded: what rounding can hide."""
+        count = len(self.points)
+        if np.any(self.refinement.mesh.face_sizes != 4):
+            return np.full(count, np.inf)
+        pieces = BezierPieces(self.refinement, np.arange(count), lambda: None)
+        off = self.refinement.limits_at_corners.reshape(-1, 4, 3) - self.points
+        found: FloatArray = Facets.of(pieces, np.arange(count)).off + np.sqrt((off * off).sum(axis=2).max(axis=1))
+        return found + rounded
+
+    def deviations(self, on_surface: BoolArray, drawn: BoolArray, limit: float, rounded: float) -> FloatArray:
+        """(K,): bounds of how far the surface over chosen leaves (K,) bool is from the triangles of all leaves, and the
+        triangles of chosen leaves (K,) bool, with either diagonal where it may be the other one, from the surface over
+        all; infinite where none within the limit is found. rounded: what rounding can hide."""
+        count = len(self.points)
+        size = float(np.abs(self.refinement.mesh.positions).max(initial=0.0))
+        findings = LeafFindings(
+            accuracy=0.0,
+            limit=limit,
+            floor=0.0,
+            enough=limit,
+            allowance=rounded,
+            margin=MARGIN * size,
+            max_pieces=PIECES_OF_EACH * count + PIECES_BESIDES,
+            began=perf_counter(),
+            time_limit=np.inf,
+            report=no_report,
+            in_faces=np.zeros(count),
+        )
+        units, owners = self.refinement, np.arange(count)
+        if np.any(units.mesh.face_sizes != 4):
+            units, owners = units.refined(), np.repeat(owners, 4)
+        pieces = BezierPieces(units, owners, findings.tick)
+        surface = SurfaceToMesh(pieces, self._around(), findings, np.inf)
+        surface.settle(_over(pieces, on_surface))
+        found = np.zeros(count)
+        leaves = _over(pieces, on_surface)
+        np.maximum.at(found, pieces.faces[leaves], surface.upper[leaves])
+        chosen = np.flatnonzero(drawn & (found <= limit))
+        if len(chosen):
+            findings.in_faces[:] = 0.0
+            mesh, owners = self._of(chosen)
+            other_way = MeshToSurface(surface, mesh, count, np.inf)
+            other_way.settle()
+            np.maximum.at(found, owners, other_way.upper)
+        return np.where(found <= limit, found, np.inf)
+
+    def _around(self) -> Triangles:
+        """What is drawn whatever is not known: triangles of the leaves, and sides of those that may be folded."""
+        known, folded = np.flatnonzero(~self.is_folded), np.flatnonzero(self.is_folded)
+        quads = self.refinement.corner_vertices().reshape(-1, 4)
+        triangles = np.take_along_axis(
+            quads[known][:, None], QUAD_TRIANGLES[self.is_turned[known].astype(np.intp)], axis=2
+        )
+        corners = np.concatenate([triangles.reshape(-1, 3), quads[folded][:, SIDES].reshape(-1, 3)])
+        return Triangles.of(self._positions(), corners)
+
+    def _of(self, chosen: IndexArray) -> tuple[Triangles, IndexArray]:
+        """The triangles of chosen leaves, along both diagonals of those that may be folded, and the leaf of each."""
+        folded = chosen[self.is_folded[chosen]]
+        leaves = np.concatenate([chosen, folded])
+        is_turned = np.concatenate([self.is_turned[chosen], ~self.is_turned[folded]]).astype(np.intp)
+        quads = self.refinement.corner_vertices().reshape(-1, 4)[leaves]
+        corners = np.take_along_axis(quads[:, None], QUAD_TRIANGLES[is_turned], axis=2).reshape(-1, 3)
+        return Triangles.of(self._positions(), corners), np.repeat(leaves, 2)
+
+    def _positions(self) -> FloatArray:
+        """(V, 3): of the refinement's vertices as drawn."""
+        found = np.zeros_like(self.refinement.mesh.positions)
+        found[self.refinement.corner_vertices()] = self.points.reshape(-1, 3)
+        return found
+
+
+def _over(pieces: BezierPieces, chosen: BoolArray) -> IndexArray:
+    """The pieces, not split, over chosen leaves."""
+    found = pieces.leaves()
+    return found[chosen[pieces.faces[found]]]

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Leaves as they may be drawn, over a surface of which all distances are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
+from ccdepth_addon.core.surface.refinement import Refinement
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
+from tests import meshes
+
+# Second derivatives of z: so small that heights are distances but for a part in ten thousand.
+SMALL = 0.01
+UU, VV, UV = 2 * SMALL, 2 * SMALL, -1 * SMALL
+
+# Of triangles over a unit square with corners on that surface: along either diagonal, or inside where that is more.
+FIRST_DIAGONAL = UU * VV * (UU + VV + 2 * UV) / (8 * (UU * VV - UV * UV))
+SECOND_DIAGONAL = (UU + VV - 2 * UV) / 8
+
+MIDDLE = 4
+
+
+def leaves(*, is_folded: bool) -> DrawnLeaves:
+    """Nine quads of a paraboloid's grid; of the one in the middle it may not be known how it is drawn."""
+    data = meshes.grid(5, 5)
+    x, y, _ = np.asarray(data.positions, dtype=np.float64).T
+    mesh = meshes.to_polygon_mesh(data)
+    mesh = mesh.changed(positions=np.stack([x, y, UU * x * x / 2 + VV * y * y / 2 + UV * x * y], axis=1))
+    inside = [6, 7, 8, 11, 12, 13, 16, 17, 18]
+    refinement = Refinement.start(apply_boundary_rule(mesh, smooth_corners=True), np.array(inside))
+    found = DrawnLeaves.of(refinement, np.zeros(9, dtype=bool), Vertices.LIMIT, None)
+    return replace(found, is_folded=np.arange(9) == (MIDDLE if is_folded else -1))
+
+
+@pytest.mark.parametrize(("on_surface", "drawn"), [(True, False), (False, True)])
+def test_of_what_may_be_folded_either_diagonal_counts(*, on_surface: bool, drawn: bool) -> None:
+    middle, limit = np.arange(9) == MIDDLE, (FIRST_DIAGONAL + SECOND_DIAGONAL) / 2
+    known, folded = (
+        leaves(is_folded=each).deviations(middle & on_surface, middle & drawn, limit, 0.0)[MIDDLE]
+        for each in (False, True)
+    )
+    assert FIRST_DIAGONAL * (1 - SMALL) <= known <= limit
+    assert folded == np.inf
+
+
+def test_what_is_farther_than_the_limit_is_not_proved() -> None:
+    every = np.ones(9, dtype=bool)
+    assert np.all(leaves(is_folded=False).deviations(every, every, 0.97 * FIRST_DIAGONAL, 0.0) == np.inf)
+    assert np.all(leaves(is_folded=False).deviations(every, every, 1.03 * FIRST_DIAGONAL, 0.0) < np.inf)
+
+
+def test_at_equal_parameters_either_diagonal_counts() -> None:
+    assert np.all(leaves(is_folded=False).at_equal_parameters(0.0) >= SECOND_DIAGONAL * (1 - SMALL))
