@@ -12,6 +12,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.blender import scene
+
 ATTRIBUTES = ("ccdepth", "ccdepth_bound")
 
 
@@ -67,27 +69,21 @@ def edit_mode(*objects: bpy.types.Object, editing: bool = True) -> Iterator[None
 
 
 def depths(holder: bpy.types.Object) -> NDArray[np.int32]:
-    """(F,) int32: the depths on the object's mesh, which must not be in Edit Mode."""
-    return _values(holder.data.attributes["ccdepth"], "value", np.int32)
+    """(F,): the depths on the object's mesh, which must not be in Edit Mode."""
+    return scene.read(holder.data, "ccdepth")[:, 0]
 
 
 def bounds(holder: bpy.types.Object) -> NDArray[np.float32]:
-    return _values(holder.data.attributes["ccdepth_bound"], "value", np.float32)
+    return scene.read(holder.data, "ccdepth_bound")[:, 0]
 
 
 def deviations(holder: bpy.types.Object) -> NDArray[np.float32]:
-    return _values(holder.data.attributes["ccdepth_deviation"], "value", np.float32)
+    return scene.read(holder.data, "ccdepth_deviation")[:, 0]
 
 
 def colors(holder: bpy.types.Object) -> NDArray[np.float32]:
-    """(C, 4) float32, linear."""
-    return _values(holder.data.attributes["ccdepth_color"], "color", np.float32, 4).reshape(-1, 4)
-
-
-def _values(attribute: bpy.types.Attribute, name: str, dtype: type, width: int = 1) -> NDArray:
-    values: NDArray = np.empty(len(attribute.data) * width, dtype=dtype)
-    attribute.data.foreach_get(name, values)
-    return values
+    """(C, 4), linear."""
+    return scene.read(holder.data, "ccdepth_color")
 
 
 def facts(holder: bpy.types.Object) -> dict[str, str]:

@@ -19,7 +19,7 @@ from ccdepth_addon.core.surface.surface_points import interpolate_linearly
 from tests import meshes, uniform
 from tests.blender import addon, scene
 from tests.blender.measuring import corner_parameters
-from tests.blender.snapshot import VALUES
+from tests.blender.scene import VALUES, read, write
 
 LEVEL = 2
 FACE_NUMBERS = "face_number"
@@ -39,21 +39,6 @@ ROTATION_ROUNDING = 2e-6
 UV_ROUNDING = 4 * 3 * LEVEL * float(np.finfo(np.float32).eps)
 # Byte colours: one rounds, the other cuts off, by version.
 BYTE = 1.001 / 255
-
-
-def read(mesh: bpy.types.Mesh, name: str) -> NDArray:
-    """(N, D) of an attribute."""
-    attribute = mesh.attributes[name]
-    value, dtype, width = VALUES[attribute.data_type]
-    values = np.empty(len(attribute.data) * width, dtype=dtype)
-    attribute.data.foreach_get(value, values)
-    return values.reshape(-1, width)
-
-
-def write(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: NDArray) -> None:
-    value, dtype, _ = VALUES[data_type]
-    attribute = mesh.attributes.new(name, data_type, domain)
-    attribute.data.foreach_set(value, np.asarray(values, dtype=dtype).ravel())
 
 
 def known_types() -> list[str]:

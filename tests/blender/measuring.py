@@ -90,18 +90,11 @@ def level_of(part: bpy.types.Object, level: int) -> Positions:
     part.modifiers[0].levels = level
     evaluated = part.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
-    bases = np.zeros(len(mesh.polygons), dtype=np.int32)
-    mesh.attributes["base_face"].data.foreach_get("value", bases)
-    corners = np.zeros(len(mesh.loops), dtype=np.int32)
-    mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
-    uvs = np.zeros(2 * len(mesh.loops), dtype=np.float32)
-    mesh.uv_layers["Parameters"].uv.foreach_get("vector", uvs)
-    positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
-    mesh.attributes["position"].data.foreach_get("vector", positions)
+    bases, corners = scene.read(mesh, "base_face")[:, 0], scene.read(mesh, ".corner_vert")[:, 0]
+    uvs, positions = (scene.read(mesh, name).astype(np.float64) for name in ("Parameters", "position"))
     evaluated.to_mesh_clear()
     faces = np.repeat(bases, len(corners) // len(bases)).astype(np.int64)
-    points = positions.reshape(-1, 3)[corners].astype(np.float64)
-    return Positions(faces, uvs.reshape(-1, 2).astype(np.float64), points, level)
+    return Positions(faces, uvs, positions[corners], level)
 
 
 def quad_count(data: meshes.MeshData, level: int) -> int:

@@ -20,7 +20,7 @@ from mathutils import Matrix
 
 from tests import meshes
 from tests.blender import scene
-from tests.blender.snapshot import VALUES
+from tests.blender.scene import VALUES
 
 Random = np.random.Generator
 Step = Callable[[Random], None]
@@ -121,9 +121,7 @@ MESHES: tuple[Callable[[Random], meshes.MeshData], ...] = (
 def spoil_mesh(rng: Random) -> None:
     """Repeated vertices, faces without area, no finite position, a wrong size: what is refused; or another size."""
     mesh, way = one(rng, local_meshes()), int(rng.integers(12))
-    positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
-    data = mesh.attributes["position"].data
-    data.foreach_get("vector", positions)
+    positions = scene.read(mesh, "position").ravel()
     if way == 0 and len(mesh.loops) > 1:
         mesh.loops[1].vertex_index = mesh.loops[0].vertex_index
     elif way == 1:
@@ -138,7 +136,7 @@ def spoil_mesh(rng: Random) -> None:
         most = 30 if way == 5 else 4
         with np.errstate(over="ignore"):
             positions *= np.float32(10.0 ** rng.uniform(-most, most))
-    data.foreach_set("vector", positions)
+    mesh.attributes["position"].data.foreach_set("vector", positions)
     mesh.update()
 
 
@@ -323,8 +321,7 @@ def add_shape_keys(rng: Random) -> None:
         return
     for number in range(int(rng.integers(1, 4))):
         key = holder.shape_key_add(name=one(rng, ("Key", "Smile", "Basis")), from_mix=False)
-        coordinates = np.zeros(3 * len(holder.data.vertices), dtype=np.float32)
-        holder.data.vertices.foreach_get("co", coordinates)
+        coordinates = scene.read(holder.data, "position").ravel()
         coordinates += rng.normal(0, 0.2, len(coordinates)).astype(np.float32) * bool(number)
         coordinates[0] = np.nan if chance(rng, 0.03) else coordinates[0]
         key.points.foreach_set("co", coordinates)
@@ -490,28 +487,21 @@ def add_subdivision(rng: Random) -> None:
         holder.modifiers.move(len(holder.modifiers) - 1, int(rng.integers(len(holder.modifiers))))
 
 
+NODES = (
+    ("MeshToCurve", "MeshToPoints"),
+    ("SetPosition", "DualMesh", "FlipFaces", "Triangulate", "SubdivideMesh", "ScaleElements", "JoinGeometry"),
+)
+
+
 def add_nodes(rng: Random) -> None:
     """Geometry Nodes: without a group, with an empty one, and with one that does something."""
     modifier, way = one(rng, editable_objects()).modifiers.new("Nodes", "NODES"), int(rng.integers(4))
-    if way == 0:
-        return
-    modifier.node_group = tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
     if way == 1:
-        return
-    for name, socket in (("Geometry", "Geometry"), ("Factor", "Float"), ("Object", "Object")):
-        tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{socket}")
-    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    kinds = (
-        ("MeshCube", "MeshToCurve", "MeshToPoints"),
-        ("SetPosition", "DualMesh", "FlipFaces", "Triangulate", "SubdivideMesh", "ScaleElements", "JoinGeometry"),
-    )
-    kind = one(rng, kinds[way - 2])
-    inside, node, outside = (
-        tree.nodes.new(name) for name in ("NodeGroupInput", f"GeometryNode{kind}", "NodeGroupOutput")
-    )
-    if kind != "MeshCube":
-        tree.links.new(inside.outputs[0], node.inputs[0])
-    tree.links.new(node.outputs[0], outside.inputs[0])
+        modifier.node_group = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    if way > 1:
+        modifier.node_group = scene.node_tree(f"GeometryNode{one(rng, NODES[way - 2])}")
+        for name in ("Float", "Object"):
+            modifier.node_group.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{name}")
 
 
 def add_multires(rng: Random) -> None:

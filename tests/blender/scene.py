@@ -13,6 +13,23 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.sharpness import crease_to_sharpness
 from tests.meshes import MeshData
 
+# By type: what collections hand out, its dtype, and how many numbers each item has.
+VALUES: dict[str, tuple[str, type, int]] = {
+    "FLOAT": ("value", np.float32, 1),
+    "FLOAT2": ("vector", np.float32, 2),
+    "FLOAT_VECTOR": ("vector", np.float32, 3),
+    "FLOAT4": ("vector", np.float32, 4),
+    "FLOAT_COLOR": ("color", np.float32, 4),
+    "BYTE_COLOR": ("color_srgb", np.float32, 4),
+    "QUATERNION": ("value", np.float32, 4),
+    "FLOAT4X4": ("value", np.float32, 16),
+    "BOOLEAN": ("value", np.bool_, 1),
+    "INT": ("value", np.int32, 1),
+    "INT8": ("value", np.int8, 1),
+    "INT16_2D": ("value", np.int16, 2),
+    "INT32_2D": ("value", np.int32, 2),
+}
+
 
 def clear() -> None:
     """Remove every object and mesh of the file."""
@@ -118,6 +135,37 @@ def add_subdivision(blender_object: bpy.types.Object, levels: int, boundary: str
     return modifier
 
 
+def read(mesh: bpy.types.Mesh, name: str) -> NDArray:
+    """(N, D): the values of an attribute."""
+    attribute = mesh.attributes[name]
+    value, dtype, width = VALUES[attribute.data_type]
+    values = np.empty(len(attribute.data) * width, dtype=dtype)
+    attribute.data.foreach_get(value, values)
+    return values.reshape(-1, width)
+
+
+def write(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: NDArray) -> None:
+    value, dtype, _ = VALUES[data_type]
+    attribute = mesh.attributes.new(name, data_type, domain)
+    attribute.data.foreach_set(value, np.asarray(values, dtype=dtype).ravel())
+
+
+def put_nowhere(holder: bpy.types.Object, coordinate: int, value: float = float("nan")) -> None:
+    """Set one of all coordinates, of every vertex three; Blender's own access makes the largest number of infinity."""
+    positions = read(holder.data, "position")
+    positions.flat[coordinate] = value
+    holder.data.attributes["position"].data.foreach_set("vector", positions.ravel())
+
+
+def add_key(holder: bpy.types.Object, name: str = "Key", value: float = 0.0) -> bpy.types.ShapeKey:
+    """A shape key, mixed in so far; the first one after a basis."""
+    if holder.data.shape_keys is None:
+        holder.shape_key_add(name="Basis")
+    key = holder.shape_key_add(name=name, from_mix=False)
+    key.value = value
+    return key
+
+
 def mesh_data(mesh: bpy.types.Mesh) -> MeshData:
     """Positions and faces of a Blender mesh; its loose vertices stay, loose edges and creases are left out."""
     sizes = np.zeros(len(mesh.polygons), dtype=np.intc)
@@ -164,7 +212,4 @@ def polygon_mesh_of(mesh: bpy.types.Mesh) -> PolygonMesh:
 
 
 def _creases(mesh: bpy.types.Mesh, name: str, count: int) -> np.ndarray:
-    values = np.zeros(count, dtype=np.float32)
-    if name in mesh.attributes:
-        mesh.attributes[name].data.foreach_get("value", values)
-    return values
+    return read(mesh, name)[:, 0] if name in mesh.attributes else np.zeros(count, dtype=np.float32)

@@ -17,26 +17,10 @@ import bpy
 import numpy as np
 
 from tests.blender.addon import ATTRIBUTES
+from tests.blender.scene import VALUES
 
 Path = tuple[str, ...]
 Snapshot = dict[Path, Any]
-
-# By type: what collections hand out, its dtype, and how many numbers each item has.
-VALUES: dict[str, tuple[str, type, int]] = {
-    "FLOAT": ("value", np.float32, 1),
-    "FLOAT2": ("vector", np.float32, 2),
-    "FLOAT_VECTOR": ("vector", np.float32, 3),
-    "FLOAT4": ("vector", np.float32, 4),
-    "FLOAT_COLOR": ("color", np.float32, 4),
-    "BYTE_COLOR": ("color_srgb", np.float32, 4),
-    "QUATERNION": ("value", np.float32, 4),
-    "FLOAT4X4": ("value", np.float32, 16),
-    "BOOLEAN": ("value", np.bool_, 1),
-    "INT": ("value", np.int32, 1),
-    "INT8": ("value", np.int8, 1),
-    "INT16_2D": ("value", np.int16, 2),
-    "INT32_2D": ("value", np.int32, 2),
-}
 
 OURS = {*ATTRIBUTES, "ccdepth_deviation"}
 
@@ -162,11 +146,9 @@ def _interface() -> Iterator[tuple[Path, Any]]:
     for screen in bpy.data.screens:
         for number, area in enumerate(screen.areas):
             for space in area.spaces:
-                if space.type == "VIEW_3D":
-                    shading, overlay = space.shading, space.overlay
-                    seen = (shading.type, shading.color_type, shading.light, shading.show_shadows, shading.show_cavity)
-                    edges = (overlay.show_wireframes, overlay.wireframe_threshold, overlay.wireframe_opacity)
-                    yield ("viewports", screen.name, str(number)), (*seen, *edges)
+                for part in ("shading", "overlay") if space.type == "VIEW_3D" else ():
+                    for inner, value in _settings(getattr(space, part)):
+                        yield ("viewports", screen.name, str(number), part, *inner), value
 
 
 def _settings(holder: Any, depth: int = 2) -> Iterator[tuple[Path, Any]]:
@@ -217,12 +199,11 @@ def _animation(holder: Any) -> Iterator[tuple[Path, Any]]:
         return
     action = animation.action
     drivers = [(curve.data_path, curve.driver.expression) for curve in animation.drivers]
-    tracks = [(track.name, track.mute, _strips(track)) for track in animation.nla_tracks]
+    tracks = [
+        (track.name, track.mute, [(strip.name, strip.frame_start, strip.frame_end) for strip in track.strips])
+        for track in animation.nla_tracks
+    ]
     yield ("animation",), (action and action.name_full, drivers, tracks)
-
-
-def _strips(track: Any) -> list[tuple[str, float, float]]:
-    return [(strip.name, strip.frame_start, strip.frame_end) for strip in track.strips]
 
 
 def _plain(value: Any) -> Any:
@@ -263,7 +244,7 @@ def mesh_paths(mesh: bpy.types.Mesh) -> Iterator[tuple[Path, Any]]:
     for layer in layers:
         yield ("UV map", layer.name), (layer.active_render, layer.active_clone)
     yield ("materials",), [material and material.name_full for material in mesh.materials]
-    yield ("record",), [*_settings(mesh.ccdepth)]
+    yield ("record",), sorted(_settings(mesh.ccdepth))
     for path, value in _settings(mesh):
         yield ("settings", *path), value
 

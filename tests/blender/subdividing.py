@@ -15,7 +15,9 @@ TOLERANCE = 0.01
 
 
 def subdivide(*objects: bpy.types.Object, **settings: object) -> list[bpy.types.Object]:
-    """Select the objects and subdivide them; the objects selected then, in the order of their names."""
+    """Show and select the objects and subdivide them; the objects selected then, in the order of their names."""
+    for each in objects:
+        each.hide_set(False)
     addon.select(*objects)
     settings.setdefault("tolerance", TOLERANCE)
     settings.setdefault("tolerance_mode", "ABSOLUTE")

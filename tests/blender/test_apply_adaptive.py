@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Apply Adaptive Subdivision on selected objects: where the adaptive mesh goes and what it is, modifiers, Edit Mode and
-undo; of many objects, and of objects that are scaled unevenly."""
+"""Apply Adaptive Subdivision on selected objects: where the adaptive mesh goes and what it is, modifiers and Edit Mode;
+of many objects, and of objects that are scaled unevenly."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import gc
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 from types import ModuleType
 
 import bpy
@@ -20,7 +20,7 @@ from tests import meshes
 from tests.blender import addon, scene, snapshot
 from tests.blender.subdividing import TOLERANCE, faces, known_count, shape, subdivide
 from tests.blender.updating import move_vertex, set_scene, stale_line
-from tests.steps import result_of
+from tests.steps import result_of, taken
 
 pytestmark = pytest.mark.every_blender
 
@@ -71,7 +71,6 @@ def test_attributes_and_the_record_tell_what_was_made() -> None:
 def test_each_mode_and_transition_makes_another_mesh() -> None:
     holder, sizes = scene.add_object(meshes.fan(7, 3)), {}
     for mode, transitions in product(("ADAPTIVE", "PER_FACE"), ("TRIANGLES", "NGONS")):
-        holder.hide_set(False)
         [result] = subdivide(holder, mode=mode, transitions=transitions)
         sizes[mode, transitions] = faces(result)
         assert (max(polygon.loop_total for polygon in result.data.polygons) > 4) == (transitions == "NGONS")
@@ -100,10 +99,8 @@ def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
     diagonal = holder.dimensions.length
     [relative] = subdivide(holder, tolerance=0.01, tolerance_mode="RELATIVE")
     assert relative.data.ccdepth.world_tolerance == pytest.approx(0.01 * diagonal)
-    holder.hide_set(False)
     [absolute] = subdivide(holder, tolerance=0.01 * diagonal)
     assert faces(relative) == faces(absolute)
-    holder.hide_set(False)
     large = scene.add_mesh(holder.data)
     large.scale = (3.0, 3.0, 3.0)
     [shared, _] = subdivide(holder, large, tolerance=0.01, tolerance_mode="RELATIVE")
@@ -200,14 +197,17 @@ def test_what_was_counted_in_is_taken_off_the_result() -> None:
     holder.modifiers.new("Off", "DISPLACE").show_viewport = False
     scene.add_subdivision(holder, 2)
     holder.modifiers.new("Bend", "SIMPLE_DEFORM")
+    holder.modifiers.new("Hair", "PARTICLE_SYSTEM")
+    holder.data.materials.append(bpy.data.materials.new("Red"))
+    holder.material_slots[0].link, holder.material_slots[0].material = "OBJECT", bpy.data.materials.new("Blue")
     [counted] = subdivide(holder)
-    assert [modifier.name for modifier in counted.modifiers] == ["Off", "Bend"]
+    assert [modifier.name for modifier in counted.modifiers] == ["Off", "Bend", "Hair"]
+    assert [(slot.link, slot.material.name) for slot in counted.material_slots] == [("OBJECT", "Blue")]
     assert counted.data.ccdepth.base_faces == 2 * faces(holder)
-    holder.hide_set(False)
     [left_out] = subdivide(holder, use_modifiers=False)
-    assert [modifier.name for modifier in left_out.modifiers] == ["Mirror", "Off", "Bend"]
+    assert [modifier.name for modifier in left_out.modifiers] == ["Mirror", "Off", "Bend", "Hair"]
     assert left_out.data.ccdepth.base_faces == faces(holder)
-    assert [modifier.name for modifier in holder.modifiers] == ["Mirror", "Off", "Subdivision", "Bend"]
+    assert [modifier.name for modifier in holder.modifiers] == ["Mirror", "Off", "Subdivision", "Bend", "Hair"]
 
 
 def test_the_result_can_take_the_place_of_the_mesh_with_what_modifiers_make() -> None:
@@ -232,24 +232,10 @@ def test_the_result_can_take_the_place_of_the_mesh_with_what_modifiers_make() ->
     assert 0 < len(weighted) < len(result.data.vertices)
 
 
-def test_materials_of_the_object_and_its_particles_stay_with_it() -> None:
-    holder = scene.add_suzanne()
-    holder.data.materials.append(bpy.data.materials.new("Red"))
-    holder.material_slots[0].link = "OBJECT"
-    holder.material_slots[0].material = bpy.data.materials.new("Blue")
-    holder.modifiers.new("Hair", "PARTICLE_SYSTEM")
-    [result] = subdivide(holder, tolerance=ROUGH)
-    assert [(slot.link, slot.material.name) for slot in result.material_slots] == [("OBJECT", "Blue")]
-    assert [modifier.name for modifier in result.modifiers] == ["Hair"]
-
-
 def test_shape_keys_stay_and_their_mix_is_measured() -> None:
     holder = scene.add_suzanne()
-    holder.shape_key_add(name="Basis")
-    key = holder.shape_key_add(name="Long")
-    for point in key.points:
+    for point in scene.add_key(holder, "Long", 1.0).points:
         point.co.z *= 3.0
-    key.value = 1.0
     [result] = subdivide(holder, tolerance=ROUGH)
     long = scene.add_suzanne()
     long.data.transform(Matrix.Diagonal((1.0, 1.0, 3.0, 1.0)))
@@ -261,52 +247,11 @@ def test_shape_keys_stay_and_their_mix_is_measured() -> None:
 
 def test_shape_keys_are_applied_with_modifiers_and_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
     holder = scene.add_suzanne()
-    holder.shape_key_add(name="Basis")
-    holder.shape_key_add(name="Other").value = 0.5
+    scene.add_key(holder, value=0.5)
     holder.modifiers.new("Bend", "SIMPLE_DEFORM")
     [result] = subdivide(holder, tolerance=ROUGH)
     assert result.data.shape_keys is None
     assert "Suzanne: its shape keys are applied" in capfd.readouterr().out
-
-
-# Undo and redo.
-
-
-@pytest.mark.parametrize("editing", [False, True])
-@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
-def test_undone_all_is_as_before_and_done_again_as_if_done_so_at_once(output: str, editing: bool) -> None:
-    """As Adjust Last Operation does it: undone, and executed anew. The window's test presses on from there."""
-    found = []
-    for tolerances in ([0.1], [0.05, 0.03, 0.1]):
-        scene.clear()
-        holder = scene.add_object(meshes.landscape(5, 4))
-        scene.add_subdivision(holder, 1)
-        addon.select(holder)
-        bpy.ops.ed.undo_push(message="before")
-        if editing:
-            bpy.ops.object.mode_set(mode="EDIT")
-            bpy.ops.ed.undo_push(message="Edit Mode")
-        for again, tolerance in enumerate(tolerances):
-            if again:
-                bpy.ops.ed.undo()
-                assert_nothing_is_done(editing)
-            settings = {"tolerance": tolerance, "tolerance_mode": "ABSOLUTE", "output": output}
-            assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
-            bpy.ops.ed.undo_push(message="Apply Adaptive Subdivision")
-        assert bpy.context.active_object.data.ccdepth.tolerance == pytest.approx(0.1)
-        if bpy.context.mode == "EDIT_MESH":
-            bpy.ops.object.mode_set(mode="OBJECT")
-        found.append(snapshot.take())
-    assert snapshot.differences(*found) == []
-
-
-def assert_nothing_is_done(editing: bool) -> None:
-    [holder] = bpy.data.objects
-    assert holder.mode == ("EDIT" if editing else "OBJECT")
-    holder.update_from_editmode()
-    assert (faces(holder), holder.visible_get(), holder.hide_render) == (20, True, False)
-    assert [modifier.name for modifier in holder.modifiers] == ["Subdivision"]
-    assert len(bpy.data.meshes) == 1
 
 
 # All results are placed, or none
@@ -330,6 +275,12 @@ def writing(objects: list[bpy.types.Object]) -> Generator[object, None, object]:
     """The steps of making meshes, once they are computed; they return the results before they are placed."""
     answers = addon.module("tasks.adaptive_meshes").subdivide(result_of(reading(objects)), SETTINGS)
     return placing().make_meshes(bpy.context, answers, SETTINGS, exact_normals=False)
+
+
+def reducing(objects: list[bpy.types.Object]) -> Generator[object, None, object]:
+    """The steps of reducing them, as the operator takes them in a window."""
+    answers = addon.module("tasks.adaptive_meshes").subdivide(result_of(reading(objects)), SETTINGS)
+    return addon.module("operators.reduced_meshes").Reducer(bpy.context, SETTINGS, exact_normals=True).make(answers)
 
 
 def three_objects() -> list[bpy.types.Object]:
@@ -375,16 +326,17 @@ def test_objects_whose_mesh_cannot_be_replaced_leave_all_as_they_were() -> None:
         addon.select(*objects[:2])
 
 
-@pytest.mark.parametrize("steps", [reading, writing])
-def test_giving_up_while_reading_or_writing_leaves_everything(
-    steps: Callable[..., Generator[object]], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("steps", "count"), [(reading, 2), (writing, 2), *((reducing, count) for count in (1, 3, 8, 14))]
+)
+def test_giving_up_on_the_way_leaves_everything(
+    steps: Callable[..., Generator[object]], count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     objects = three_objects()
     monkeypatch.setattr(addon.module("exchange.evaluated"), "OBJECTS_AT_ONCE", 1)
     with snapshot.unchanged():
         begun = steps(objects)
-        next(begun)
-        next(begun)
+        assert len(list(islice(taken(begun), count))) == count
         begun.close()
 
 
@@ -464,12 +416,6 @@ def folded_unless_flattened(data: meshes.MeshData, name: str = "Mesh") -> bpy.ty
     return holder
 
 
-def test_quads_are_drawn_along_the_diagonal_that_was_proved_on_a_flattened_object() -> None:
-    holder = folded_unless_flattened(meshes.bumpy(meshes.torus(9, 6), 0.2))
-    [result] = subdivide(holder, tolerance=0.05)
-    assert_quads_are_drawn_along_their_first_diagonal(result.data)
-
-
 def assert_quads_are_drawn_along_their_first_diagonal(mesh: bpy.types.Mesh) -> None:
     mesh.calc_loop_triangles()
     starts = {polygon.index: polygon.loop_start for polygon in mesh.polygons if polygon.loop_total == 4}
@@ -479,27 +425,33 @@ def assert_quads_are_drawn_along_their_first_diagonal(mesh: bpy.types.Mesh) -> N
         assert sorted(loop - starts[each.polygon_index] for loop in each.loops) in ([0, 1, 2], [0, 2, 3])
 
 
-@pytest.mark.parametrize("transitions", ["TRIANGLES", "NGONS"])
-def test_faces_of_uneven_objects_are_counted_as_they_are_made(transitions: str) -> None:
+@pytest.mark.parametrize(
+    ("mode", "transitions"), [("ADAPTIVE", "TRIANGLES"), ("ADAPTIVE", "NGONS"), ("PER_FACE", "NGONS")]
+)
+def test_faces_of_uneven_objects_are_counted_as_they_are_made_and_drawn_as_proved(mode: str, transitions: str) -> None:
     landscape = folded_unless_flattened(meshes.landscape(6, 5), "Landscape")
     fan = folded_unless_flattened(meshes.fan(5, 2), "Fan")
     sheared = scene.add_object(meshes.bumpy(meshes.cylinder(7), 0.2), "Sheared")
     sheared.parent = scene.add("Parent")
     sheared.parent.scale = (10.0, 1.0, 0.1)
     sheared.rotation_euler = (0.5, 0.6, 0.7)
-    subdivided_as_counted([landscape, fan, sheared], 0.1, transitions)
+    modified = scene.add_object(meshes.landscape(2, 2), "Modified")
+    modified.modifiers.new("Mirror", "MIRROR")
+    subdivided_as_counted([landscape, fan, sheared, modified], tolerance=0.1, mode=mode, transitions=transitions)
 
 
-def subdivided_as_counted(
-    holders: list[bpy.types.Object], tolerance: float, transitions: str
-) -> list[bpy.types.Object]:
-    """The results, whose faces are as many as were counted before."""
-    set_scene(tolerance=tolerance, transitions=transitions)
+def subdivided_as_counted(holders: list[bpy.types.Object], **settings: object) -> list[bpy.types.Object]:
+    """The results, whose faces are as many as were counted before, which changed nothing; and which are drawn along
+    the diagonals that were proved."""
+    set_scene(**settings)
     addon.select(*holders)
-    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+    with snapshot.unchanged():
+        assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
     counts = {holder.name: known_count(holder).faces for holder in holders}
-    results = subdivide(*holders, tolerance=tolerance, transitions=transitions)
+    results = subdivide(*holders, **settings)
     assert {result.name.removesuffix(" Adaptive"): faces(result) for result in results} == counts
+    for result in results:
+        assert_quads_are_drawn_along_their_first_diagonal(result.data)
     return results
 
 
@@ -507,6 +459,5 @@ def subdivided_as_counted(
 def test_objects_scaled_to_nothing_are_drawn_as_they_are_proved(scale: tuple[float, float, float]) -> None:
     holder = scene.add_object(meshes.landscape(6, 5))
     holder.scale = scale
-    result = subdivided_as_counted([holder], TOLERANCE, "NGONS")[0]
+    [result] = subdivided_as_counted([holder], tolerance=TOLERANCE, transitions="NGONS")
     assert addon.bounds(result).max() <= TOLERANCE
-    assert_quads_are_drawn_along_their_first_diagonal(result.data)

@@ -7,6 +7,8 @@ attributes of any kind, and even from vertex groups. Those named like ours are t
 
 from __future__ import annotations
 
+from itertools import product
+
 import bpy
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from tests.blender import addon, scene
 from tests.blender.full_mesh import DOMAINS, VALUES, counts, known_types, random_values, read
 from tests.blender.subdividing import refused, subdivide
 from tests.blender.updating import refuses
+from tests.thorough import each
 
 pytestmark = pytest.mark.every_blender
 
@@ -80,16 +83,19 @@ def read_arrays(holder: bpy.types.Object, *, use_modifiers: bool = False) -> Pol
 # Nothing fails, and nothing is lost.
 
 
-@pytest.mark.parametrize("modifiers", [False, True])
-@pytest.mark.parametrize("turn", range(len(DOMAINS)))
-def test_every_kind_of_attribute_is_carried_over(turn: int, modifiers: bool) -> None:
-    """All names are on one mesh, of types and domains that differ; they change until each name has had each kind."""
-    types = [*known_types(), "STRING"]
+TURNS = list(product(range(len(DOMAINS)), (False, True)))
+
+
+@pytest.mark.parametrize("case", each(TURNS, short=[(0, False), (1, True)]))
+def test_every_kind_of_attribute_is_carried_over(case: tuple[int, bool]) -> None:
+    """All names are on one mesh, of types and domains that differ. They change until each name has had each type, and
+    in all turns each kind."""
+    (turn, modifiers), types = case, [*known_types(), "STRING"]
     for first in range(len(types)):
         scene.clear()
         holder = uneven()
         kinds = {
-            name: (types[(first + number) % len(types)], DOMAINS[(turn + number) % len(DOMAINS)])
+            name: (types[(first + number) % len(types)], DOMAINS[(turn + first + number) % len(DOMAINS)])
             for number, name in enumerate(NAMES_BEHIND_MODIFIERS if modifiers else NAMES)
         }
         held = {name: values for name, chosen in kinds.items() if (values := add(holder, name, *chosen)) is not None}

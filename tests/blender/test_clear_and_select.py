@@ -10,18 +10,23 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
+from tests.blender.full_mesh import DOMAINS
 from tests.blender.updating import refuses
 
 pytestmark = pytest.mark.every_blender
 
 
-@pytest.mark.parametrize("colors", [(), ("Paint",), ("Base", "Paint")])
+DISPLAYED = [((), ""), *((("Paint",), domain) for domain in DOMAINS), (("Base", "Paint"), "CORNER")]
+
+
+@pytest.mark.parametrize(("colors", "domain"), DISPLAYED)
 @pytest.mark.parametrize("editing", [False, True])
-def test_clear_leaves_the_mesh_as_it_was(colors: tuple[str, ...], editing: bool) -> None:
+def test_clear_leaves_the_mesh_as_it_was(colors: tuple[str, ...], domain: str, editing: bool) -> None:
+    """Blender displays the first colours that are made, also where it does not list them among the colours."""
     holder = scene.add_object(meshes.creased_cube())
     attributes = holder.data.attributes
     for name in colors:
-        attributes.new(name, "BYTE_COLOR", "CORNER")
+        attributes.new(name, "BYTE_COLOR", domain)
     if colors:
         attributes.active_color_name, attributes.default_color_name = colors[-1], colors[0]
     with addon.edit_mode(holder, editing=editing), snapshot.unchanged(lambda path: path[-1] == "heat_map"):
@@ -74,9 +79,7 @@ def test_select(editing: bool) -> None:
     assert least < middle < deepest
 
     def faces() -> np.ndarray:
-        found = np.empty(len(holder.data.polygons), dtype=bool)
-        holder.data.polygons.foreach_get("select", found)
-        return found
+        return np.array([face.select for face in holder.data.polygons])
 
     def selected(*calls: dict[str, object]) -> np.ndarray:
         with addon.edit_mode(holder, editing=editing):
@@ -144,18 +147,6 @@ def test_active_attribute_and_rendered_colour(editing: bool) -> None:
         assert attributes.default_color_name == ""
 
 
-@pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
-def test_displayed_colours_of_any_domain(domain: str) -> None:
-    """Blender displays the first colours that are made, also where it does not list them among the colours."""
-    holder = scene.add_object(meshes.cube())
-    attributes = holder.data.attributes
-    attributes.new("Paint", "FLOAT_COLOR", domain)
-    attributes.active_color_name = attributes.default_color_name = "Paint"
-    addon.compute(holder)
-    assert bpy.ops.ccdepth.bake_colors() == bpy.ops.ccdepth.clear() == {"FINISHED"}
-    assert (attributes.active_color_name, attributes.default_color_name) == ("Paint", "Paint")
-
-
 # Edit Mode.
 
 
@@ -194,26 +185,10 @@ def test_results_are_edited_in_their_stead(output: str, suffix: str) -> None:
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
-def test_objects_that_are_hidden_while_they_are_edited() -> None:
-    """Another object that uses the mesh can be seen, so there is something to work on."""
-    hidden = scene.add_object(meshes.cube(), "Hidden")
-    user = scene.add_mesh(hidden.data)
-    addon.select(hidden)
-    bpy.ops.object.mode_set(mode="EDIT")
-    user.select_set(True)
-    hidden.hide_set(True)
-    assert bpy.ops.ccdepth.count_faces(tolerance=0.1) == {"FINISHED"}
-    assert (hidden.mode, user.mode) == ("EDIT", "OBJECT")
-    assert hidden.hide_get()
-    assert user.select_get()
-    hidden.hide_set(False)
-    bpy.ops.object.mode_set(mode="OBJECT")
-
-
 @pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
 @pytest.mark.parametrize("hidden", [False, True])
 def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: bool) -> None:
-    """With Lock Object Modes off, another object may become the active one while one is edited."""
+    """With Lock Object Modes off, another object may become the active one while one is edited, which may be hidden."""
     edited, active = (scene.add_object(meshes.cube(), text) for text in ("Edited", "Active"))
     other_user = scene.add_mesh(edited.data)
     edited.data.attributes.new("Paint", "FLOAT_COLOR", "POINT")
@@ -231,6 +206,7 @@ def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: b
     assert "Paint" in result.data.attributes
     assert result.data.attributes.active_color_name == "Paint"
     assert [each.name for each in bpy.data.objects if each.mode == "EDIT"] == ["Edited"]
+    assert edited.hide_get() or not hidden
     edited.hide_set(False)
     bpy.context.view_layer.objects.active = edited
     bpy.ops.object.mode_set(mode="OBJECT")

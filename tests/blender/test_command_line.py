@@ -13,7 +13,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import Capture, depths_in, few_samples, program, run, said, save
+from tests.blender.runs import Capture, depths_in, few_samples, program, run, said, save
 
 SUZANNE_FACES = 500
 
@@ -69,18 +69,6 @@ def test_every_format_can_be_read_and_stays_as_it_is(tmp_path: Path, suffix: str
     # An STL file holds triangles alone.
     assert len(depths) == (SUZANNE_FACES if suffix != ".stl" else 968)
     assert mesh.read_bytes() == before
-
-
-def test_all_visible_meshes_of_a_file_are_measured(tmp_path: Path, capfd: Capture) -> None:
-    for index, name in enumerate(("Shown", "Unselectable", "Hidden")):
-        holder = scene.add_suzanne()
-        holder.name = name
-        holder.hide_select = index == 1
-        holder.hide_set(index == 2)
-    save(tmp_path / "mesh.blend")
-    assert run(tmp_path / "mesh.blend", "--output", tmp_path / "out.blend") == 0
-    assert "“Hidden” is left out: hidden" in capfd.readouterr().err
-    assert set(depths_in(tmp_path / "out.blend")) == {"Shown", "Unselectable"}
 
 
 @pytest.mark.every_blender
@@ -288,10 +276,3 @@ def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: Capture) -> No
     assert not [line for line in lines if any(mark in line for mark in "\x1b\x07\x9b\u202e")]
     for escaped in ("Red\\x1b[31m\\u202e", "Bell\\x07\\x9b2J", "Cloth\\x1b]0;title\\x07"):
         assert escaped in "\n".join(lines)
-
-
-@pytest.mark.parametrize("tolerance", [float("inf"), 1e39])
-def test_the_operator_refuses_what_blender_takes_for_infinity(tolerance: float) -> None:
-    addon.select(scene.add_suzanne())
-    with pytest.raises(RuntimeError, match=r"not a finite number|too large"):
-        bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="ABSOLUTE")

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 import numpy as np
 import pytest
 from mathutils import Matrix
 
+from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, face_depths
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
@@ -85,17 +88,6 @@ def test_linked_duplicates_take_the_largest_depths() -> None:
     addon.compute(*objects, tolerance=TOLERANCE)
     np.testing.assert_array_equal(addon.depths(first), np.max(alone, axis=0))
     assert len(first.data.ccdepth.contributors) == len(objects)
-
-
-def test_bounds_are_those_of_the_largest_of_similar_duplicates() -> None:
-    """Though each is measured in units of its own tolerance, and one is as good as the other."""
-    small = scene.add_object(meshes.cube())
-    large = scene.add_mesh(small.data)
-    large.scale = (3.0, 3.0, 3.0)
-    addon.compute(large, tolerance=0.05, tolerance_mode="RELATIVE")
-    alone = addon.bounds(large)
-    addon.compute(small, large, tolerance=0.05, tolerance_mode="RELATIVE")
-    np.testing.assert_allclose(addon.bounds(small), alone, rtol=1e-6)
 
 
 def test_equal_duplicates_are_computed_once() -> None:
@@ -205,22 +197,6 @@ def test_a_number_typed_is_the_number_meant() -> None:
         assert shortest_decimal(float(np.float32(typed))) == typed
 
 
-def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
-    holder = scene.add_suzanne()
-    bpy.context.scene.ccdepth.relative_tolerance = 0.003
-    addon.compute(holder)
-    name, depths, record = holder.name, addon.depths(holder), addon.histogram(holder)
-    levels = holder.data.ccdepth.uniform_level, holder.data.ccdepth.quality
-    path = f"{tmp_path}/saved.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    holder = bpy.data.objects[name]
-    np.testing.assert_array_equal(addon.depths(holder), depths)
-    assert addon.histogram(holder) == record
-    assert (holder.data.ccdepth.uniform_level, holder.data.ccdepth.quality) == levels
-    assert bpy.context.scene.ccdepth.relative_tolerance == pytest.approx(0.003)
-
-
 @pytest.mark.parametrize("angle", [-0.6, 0.6])
 def test_a_relative_tolerance_of_a_sheared_object_is_a_part_of_the_longest_diagonal(angle: float) -> None:
     holder = scene.add_object(meshes.cube())
@@ -232,14 +208,19 @@ def test_a_relative_tolerance_of_a_sheared_object_is_a_part_of_the_longest_diago
     assert holder.data.ccdepth.world_tolerance == pytest.approx(0.01 * longest)
 
 
-def test_the_smallest_tolerance_of_the_objects_of_a_mesh_is_recorded() -> None:
+def test_of_similar_duplicates_the_smallest_tolerance_is_recorded_and_the_bounds_of_the_largest() -> None:
+    """Though each is measured in units of its own tolerance, and one is as good as the other."""
     small = scene.add_object(meshes.cube())
     large = scene.add_mesh(small.data)
     large.scale = (3.0, 3.0, 3.0)
     addon.compute(small, tolerance=0.01, tolerance_mode="RELATIVE")
     smallest = small.data.ccdepth.world_tolerance
-    addon.compute(large, small, tolerance=0.01, tolerance_mode="RELATIVE")
-    assert small.data.ccdepth.world_tolerance == smallest
+    addon.compute(large, tolerance=0.01, tolerance_mode="RELATIVE")
+    alone = addon.bounds(large)
+    for objects in ((large, small), (small, large)):
+        addon.compute(*objects, tolerance=0.01, tolerance_mode="RELATIVE")
+        assert small.data.ccdepth.world_tolerance == smallest
+        np.testing.assert_allclose(addon.bounds(small), alone, rtol=1e-6)
 
 
 def test_another_result_takes_the_place_of_the_first_and_says_which_depths_are_the_least() -> None:
@@ -258,3 +239,97 @@ def test_bounds_are_never_rounded_down() -> None:
     assert single.dtype == np.float32
     assert np.all(single >= bounds)
     assert np.all(single <= bounds * (1 + np.finfo(np.float32).eps))
+
+
+# Depths by distance: what they take Blender to draw; the method as it is chosen and stored, and that it is the default.
+
+
+# Triangles that are looked for.
+SOME = 1000
+
+MESHES: dict[str, Callable[[], bpy.types.Object]] = {
+    "landscape": lambda: scene.add_object(meshes.landscape(5, 4, 3)),
+    "hexagons": lambda: scene.add_object(meshes.hexagons(3, 3, 0.2)),
+    "suzanne": scene.add_suzanne,
+}
+
+
+def middles_of_drawn(holder: bpy.types.Object, level: int) -> FloatArray:
+    """(T, 3): of the triangles that Blender draws with its modifier at a level."""
+    scene.add_subdivision(holder, level).use_limit_surface = False
+    evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = evaluated.to_mesh()
+    middles = scene.mesh_data(mesh).positions[scene.triangles_of(mesh)].mean(axis=1)
+    evaluated.to_mesh_clear()
+    holder.modifiers.clear()
+    return middles
+
+
+@pytest.mark.parametrize("level", [1, 2])
+@pytest.mark.parametrize("name", MESHES)
+def test_triangles_are_those_that_blender_draws(name: str, level: int) -> None:
+    """All but those of quads that may be folded, which count with both diagonals."""
+    holder = MESHES[name]()
+    mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    level_quads = addon.module("core.mesh.level_quads")
+    refinement = addon.module("core.surface.refinement").Refinement.start(mesh, np.arange(mesh.face_count))
+    is_turned = np.zeros(mesh.face_count, dtype=bool)
+    for _ in range(level):
+        is_turned = level_quads.turned_children(is_turned, refinement.mesh.face_sizes[: len(is_turned)])
+        refinement = refinement.refined()
+    leaves = addon.module("core.deviation.leaf_deviations").DrawnLeaves.of(
+        refinement, is_turned, addon.module("core.bounds.norm_bounds").Vertices.CONTROL, None
+    )
+    drawn = level_quads.QUAD_TRIANGLES[is_turned.astype(int)]
+    corners = np.take_along_axis(leaves.points[:, None], drawn[..., None], axis=2).reshape(-1, 3, 3)
+    certain = np.repeat(~leaves.is_folded, 2)
+    found = middles_of_drawn(holder, level)
+    assert len(found) == len(corners)
+    assert np.count_nonzero(certain) > 0.9 * len(corners)
+    middles = np.random.default_rng(1).permutation(corners[certain].mean(axis=1))[:SOME]
+    # Single precision at coordinates of some ten; middles along the other diagonal are farther off by far.
+    for middle in middles:
+        assert np.linalg.norm(found - middle, axis=1).min() < 1e-5
+
+
+def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
+    holder = scene.add_object(meshes.torus(8, 6))
+    bpy.context.scene.ccdepth.property_unset("method")
+    addon.compute(holder, tolerance=0.05)
+    assert holder.data.ccdepth.method == "DISTANCE"
+    facts = addon.facts(holder)
+    assert (facts["Method"], facts["Proved Minimal"]) == ("By Distance", "All faces")
+    assert "By Distance" in addon.module("command_line.report_text").settings_text([holder])
+    addon.compute(holder, tolerance=0.05, method="CERTIFIED")
+    assert "Proved Minimal" not in addon.facts(holder)
+
+
+def test_the_other_methods_say_what_they_compare_and_where_they_are_off() -> None:
+    for method, (_, text) in addon.module("state.properties").METHOD_TEXTS.items():
+        for words in ("equal parameters", "By Distance can ask for fewer levels", "more on twisted quads"):
+            assert (words in text) == (method != "DISTANCE")
+
+
+# Of these no lesser depth is enough on any face, at this part of the diagonal.
+LEAST: dict[str, tuple[Callable[[], meshes.MeshData], float]] = {
+    "cube": (meshes.cube, 0.01),
+    "creased cube": (meshes.creased_cube, 0.03),
+    "torus": (lambda: meshes.torus(8, 6), 0.01),
+}
+
+
+@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
+@pytest.mark.parametrize("name", LEAST)
+def test_the_level_that_is_set_is_measured_to_be_enough_and_the_one_before_is_not(name: str, vertices: str) -> None:
+    """By Measure Deviation."""
+    make, tolerance = LEAST[name]
+    holder, near = scene.add_object(make()), {"tolerance": tolerance, "tolerance_mode": "RELATIVE"}
+    addon.compute(holder, **near, method="DISTANCE", vertices=vertices)
+    record = holder.data.ccdepth
+    assert record.exact_faces == record.faces
+    bpy.ops.ccdepth.set_levels()
+    [modifier] = holder.modifiers
+    for verdict in ("MET", "NOT_MET"):
+        addon.measure(holder, **near, accuracy=1.0, time_limit=20)
+        assert record.measurement.verdict == verdict
+        modifier.levels -= 1

@@ -16,7 +16,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import CHECKOUT, mesh_objects, save
+from tests.blender.runs import CHECKOUT, mesh_objects, save
 
 # What stands in for Blender's own program where there is none.
 STAND_IN = """

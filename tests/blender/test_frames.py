@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depths over frames: against results of single frames, and against Blender's own modifier on every frame."""
+"""Depths over frames, against results of single frames; and results of one frame at another."""
 
 from __future__ import annotations
 
+import csv
+import re
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -12,19 +15,38 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_animation import FIRST, key, told_by_the_panel
+from tests.blender.runs import Capture, few_samples, mesh_objects, run, save
+from tests.blender.subdividing import known_count
+from tests.blender.test_report import report_in
 from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
 from tests.blender.updating import move_vertex
+from tests.thorough import combinations
 
-LAST = 11
+FIRST, LAST = 1, 11
 FRAMES = f"{FIRST}-{LAST}"
 TOLERANCE = 0.004
 
 
 @pytest.fixture(autouse=True)
-def certified() -> None:
+def certified_and_coarse() -> None:
     bpy.context.scene.ccdepth.method = "CERTIFIED"
+    # So coarse that Set Levels has nothing else to refuse.
+    bpy.context.scene.ccdepth.relative_tolerance = 0.2
     bpy.context.scene.frame_set(FIRST)
+
+
+def key(owner: bpy.types.bpy_struct, name: str, first: object, later: object) -> None:
+    for frame, value in ((FIRST, first), (LAST, later)):
+        setattr(owner, name, value)
+        owner.keyframe_insert(name, frame=frame)
+
+
+def told_by_the_panel(holder: bpy.types.Object) -> str:
+    """Once the timer has run, without anything that would have Blender pass on its updates."""
+    examine = addon.module("state.watch").examine
+    if bpy.app.timers.is_registered(examine):
+        examine()
+    return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data, holder)
 
 
 def refined_suzanne() -> bpy.types.Object:
@@ -39,8 +61,7 @@ def refined_suzanne() -> bpy.types.Object:
 def with_a_shape_key(plain: bpy.types.Object | None = None) -> bpy.types.Object:
     """The object with a key that is worst on frame 8; without one, Suzanne."""
     holder = plain or refined_suzanne()
-    holder.shape_key_add(name="Basis")
-    shape = holder.shape_key_add(name="Key")
+    shape = scene.add_key(holder)
     for vertex in shape.data:
         vertex.co.z += 0.15 * np.sin(9 * vertex.co.x)
     for frame, shape.value in ((FIRST, 0.0), (8, 1.0), (LAST, 0.3)):
@@ -49,18 +70,12 @@ def with_a_shape_key(plain: bpy.types.Object | None = None) -> bpy.types.Object:
 
 
 def with_an_armature() -> bpy.types.Object:
-    rig = scene.add("Rig", bpy.data.armatures.new("Rig"))
-    with addon.edit_mode(rig):
-        for name, low in (("Lower", -1.0), ("Upper", 0.0)):
-            bone = rig.data.edit_bones.new(name)
-            bone.head, bone.tail = (0.0, 0.0, low), (0.0, 0.0, low + 1.0)
-    holder = refined_suzanne()
-    for name, sign in (("Lower", -1.0), ("Upper", 1.0)):
-        group = holder.vertex_groups.new(name=name)
-        for vertex in holder.data.vertices:
-            group.add([vertex.index], min(max(0.5 + sign * vertex.co.z, 0.0), 1.0), "REPLACE")
+    rig, holder = scene.add_rig(), refined_suzanne()
+    group = holder.vertex_groups.new(name="Bone")
+    for vertex in holder.data.vertices:
+        group.add([vertex.index], min(max(0.5 + vertex.co.z, 0.0), 1.0), "REPLACE")
     holder.modifiers.new("Armature", "ARMATURE").object = rig
-    pose = rig.pose.bones["Upper"]
+    pose = rig.pose.bones["Bone"]
     pose.rotation_mode = "XYZ"
     for frame, pose.rotation_euler.x in ((FIRST, 0.0), (8, 1.2), (LAST, 0.5)):
         pose.keyframe_insert("rotation_euler", frame=frame)
@@ -119,8 +134,7 @@ def single_frames(holder: bpy.types.Object, **settings: object) -> dict[int, tup
 
 
 @pytest.mark.every_blender
-@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
-@pytest.mark.parametrize("name", ANIMATED)
+@pytest.mark.parametrize(("name", "vertices"), combinations(ANIMATED, ["CONTROL", "LIMIT"]))
 def test_each_face_has_the_deepest_depth_of_the_frames(name: str, vertices: str) -> None:
     holder = ANIMATED[name]()
     alone = single_frames(holder, vertices=vertices)
@@ -336,19 +350,6 @@ def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:
     assert not bystander.data.ccdepth.has_result
 
 
-def test_a_handler_that_fails_changes_nothing(capfd: pytest.CaptureFixture[str]) -> None:
-    holder = with_a_shape_key()
-
-    def fail(changed: bpy.types.Scene, *_: object) -> None:
-        raise LookupError("odd")
-
-    with at_every_frame(fail):
-        compute(holder)
-    capfd.readouterr()
-    assert bpy.context.scene.frame_current == FIRST
-    assert holder.data.ccdepth.frames == FRAMES
-
-
 def test_a_frame_without_a_surface_is_named() -> None:
     holder = refined_suzanne()
     key(holder, "scale", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
@@ -357,3 +358,209 @@ def test_a_frame_without_a_surface_is_named() -> None:
         compute(holder, tolerance=0.001, tolerance_mode="RELATIVE", frames=f"{FIRST}-{LAST}")
     assert bpy.context.scene.frame_current == 4
     assert not holder.data.ccdepth.has_result
+
+
+# --frames: what the command line makes and reports over frames
+
+
+LINE = ("--tolerance", "0.004", "--absolute", "--method", "certified", "--vertices", "control")
+SETTINGS = {"tolerance": 0.004, "method": "CERTIFIED", "vertices": "CONTROL"}
+
+
+@pytest.fixture
+def animated(tmp_path: Path) -> Path:
+    """An animated cube that is deepest on frame 8, in a file that was saved at its first frame."""
+    with_a_shape_key(scene.add_object(meshes.cube()))
+    settings = bpy.context.scene
+    settings.frame_start, settings.frame_end = 1, LAST
+    settings.frame_set(1)
+    return save(tmp_path / "animated.blend")
+
+
+def expected() -> bpy.types.PropertyGroup:
+    """The record of the depths over all frames, of the object in the open file."""
+    [holder] = (each for each in bpy.data.objects if each.type == "MESH")
+    addon.compute(holder, **SETTINGS, frames="SCENE")
+    assert holder.data.ccdepth.deepest == addon.depths(holder).max()
+    return holder.data.ccdepth
+
+
+@pytest.mark.parametrize("frames", [f"1-{LAST}", "scene"])
+def test_depths_over_frames_are_reported(
+    animated: Path, tmp_path: Path, frames: str, capfd: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers and the histogram of the page are about the same frames. At the frame of the file the cube is less
+    deep."""
+    few_samples(monkeypatch)
+    report, table, html = (tmp_path / f"report.{kind}" for kind in ("json", "csv", "html"))
+    assert run(animated, *LINE, "--frames", frames, "--json", report, "--csv", table, "--html", html) == 0
+    printed = capfd.readouterr().out
+    record = expected()
+    deepest, worst = record.deepest, record.worst_frame
+    assert worst == 8
+    [each] = report_in(report)["files"][0]["objects"]
+    assert (each["deepest"], each["worst_frame"]) == (deepest, worst)
+    assert f"Deepest Depth: {deepest} at frame {worst}\n  Frames: 1-{LAST}\n" in printed
+    assert each["settings"]["frames"] == ("SCENE" if frames == "scene" else "CUSTOM")
+    [row] = csv.DictReader(table.open())
+    assert (row["deepest"], row["worst_frame"]) == (str(deepest), str(worst))
+    text = re.sub(r"<[^>]*>", "|", html.read_text(encoding="utf-8"))
+    assert f"|Worst frame||{worst}|" in text
+    for row in record.rows:
+        assert f"|{row.depth}|||{row.faces:,} ({row.faces / record.faces:.1%})|" in text
+    assert run("--verify", report) == 0
+
+
+def test_the_level_over_frames_is_set_in_the_file(animated: Path, tmp_path: Path) -> None:
+    report, output = tmp_path / "report.json", tmp_path / "out.blend"
+    line = ("--levels", *LINE, "--output", output, "--json", report)
+    assert run(animated, *line, "--frames", f"1-{LAST}") == 0
+    [each] = report_in(report)["files"][0]["objects"]
+    assert run("--verify", report) == 0
+    [holder] = mesh_objects(output).values()
+    assert holder.modifiers[-1].levels == each["level"] == holder.data.ccdepth.uniform_level
+    assert bpy.context.scene.frame_current == 1
+    over_frames = addon.depths(holder)
+    assert bpy.context.scene.ccdepth.frames == "CUSTOM"
+    addon.compute(holder, **SETTINGS, frames="CURRENT")
+    assert np.all(addon.depths(holder) <= over_frames)
+    assert np.any(addon.depths(holder) < over_frames)
+
+
+@pytest.mark.parametrize(("frames", "worst"), [([], None), (["--frames=-2"], -2)])
+def test_no_frame_and_negative_ones_stand_in_the_report(
+    animated: Path, tmp_path: Path, frames: list[str], worst: int | None
+) -> None:
+    report = tmp_path / "report.json"
+    assert run(animated, *LINE, *frames, "--json", report) == 0
+    assert report_in(report)["files"][0]["objects"][0]["worst_frame"] == worst
+    assert run("--verify", report) == 0
+
+
+# Results at another frame: the panel and operators alike take those that no longer hold for out of date
+
+
+def expect(holder: bpy.types.Object, line: str) -> None:
+    """The panel and Set Levels agree."""
+    assert told_by_the_panel(holder) == line
+    addon.select(holder)
+    if line:
+        with pytest.raises(RuntimeError, match="out of date"):
+            bpy.ops.ccdepth.set_levels()
+    else:
+        assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+    assert told_by_the_panel(holder) == line
+
+
+def with_a_key() -> tuple[bpy.types.Object, bpy.types.ShapeKey]:
+    holder = scene.add_suzanne()
+    shape = scene.add_key(holder)
+    shape.data[0].co.x += 1.0
+    return holder, shape
+
+
+def moving_objects() -> dict[str, bpy.types.Object]:
+    """Objects that are shaped or scaled otherwise at the later frame."""
+    holders = {name: scene.add_suzanne() for name in ("keyed modifier", "wave", "scale", "child", "posed")}
+    holders["keyed shape"], shape = with_a_key()
+    key(shape, "value", 0.0, 1.0)
+    holders["driven shape"], shape = with_a_key()
+    shape.driver_add("value").driver.expression = "frame / 20"
+    key(holders["keyed modifier"].modifiers.new("Cast", "CAST"), "factor", 0.0, 1.0)
+    # It moves without keys.
+    holders["wave"].modifiers.new("Wave", "WAVE")
+    holders["child"].parent = scene.add("Parent")
+    for scaled in (holders["scale"], holders["child"].parent):
+        key(scaled, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.0))
+    rig = scene.add_rig()
+    holders["posed"].vertex_groups.new(name="Bone").add(range(100), 1.0, "REPLACE")
+    holders["posed"].modifiers.new("Armature", "ARMATURE").object = rig
+    key(rig.pose.bones["Bone"], "location", (0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
+    return holders
+
+
+@pytest.mark.every_blender
+def test_results_follow_the_frame() -> None:
+    """They are out of date at a later frame, and current at the first."""
+    holders = moving_objects()
+    bpy.context.scene.frame_set(FIRST)
+    still = scene.add_suzanne()
+    key(still, "location", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
+    for holder in (still, *holders.values()):
+        addon.compute(holder)
+        expect(holder, "")
+    for frame, has_changed in ((LAST, True), (FIRST, False)):
+        bpy.context.scene.frame_set(frame)
+        expect(still, "")
+        assert {name: told_by_the_panel(holder) for name, holder in holders.items()} == {
+            name: mesh_line(holder) if has_changed else "" for name, holder in holders.items()
+        }
+        for holder in holders.values():
+            expect(holder, mesh_line(holder) if has_changed else "")
+    parent = holders["child"].parent
+    parent.animation_data_clear()
+    parent.scale.z = 3.0
+    bpy.context.view_layer.update()
+    expect(holders["child"], mesh_line(holders["child"]))
+
+
+@pytest.mark.every_blender
+def test_a_count_of_faces_is_forgotten() -> None:
+    holder, shape = with_a_key()
+    key(shape, "value", 0.0, 1.0)
+    bpy.context.scene.frame_set(FIRST)
+    addon.select(holder)
+    bpy.ops.ccdepth.count_faces()
+    assert known_count(holder) is not None
+    bpy.context.scene.frame_set(LAST)
+    assert known_count(holder) is None
+
+
+@pytest.mark.every_blender
+def test_what_cannot_be_examined_does_not_pass_for_current(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder)
+
+    def failing(*_: object, **__: object) -> None:
+        raise LookupError("odd")
+
+    monkeypatch.setattr(addon.module("state.still_holds"), "object_state", failing)
+    holder.scale.x = 2.0
+    bpy.context.view_layer.update()
+    expect(holder, mesh_line(holder))
+    assert "LookupError: odd" in capfd.readouterr().err
+
+
+@pytest.mark.every_blender
+def test_an_object_that_the_result_was_not_computed_for() -> None:
+    """It shares the mesh, so it shows the depths; but they were computed at another scale."""
+    holder = scene.add_suzanne()
+    other = scene.add_mesh(holder.data)
+    other.scale = (2.0, 2.0, 2.0)
+    addon.compute(holder)
+    bpy.context.view_layer.update()
+    expect(other, "Not computed for this object")
+    expect(holder, "")
+    addon.compute(holder, other)
+    bpy.context.view_layer.update()
+    expect(other, "")
+
+
+@pytest.mark.every_blender
+def test_a_change_while_depths_are_being_computed_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The record has what was read at the beginning, not what is there at the end."""
+    holder = scene.add_object(meshes.landscape(8, 8))
+    module = addon.module("operators.compute_depth")
+    write = module.mesh_values.write_depths
+
+    def change(*given: object) -> None:
+        holder.scale.x = 2.0
+        holder.data.vertices[0].co.z += 0.5
+        bpy.context.view_layer.update()
+        write(*given)
+
+    monkeypatch.setattr(module.mesh_values, "write_depths", change)
+    addon.compute(holder)
+    assert told_by_the_panel(holder).startswith("Out of date: mesh")

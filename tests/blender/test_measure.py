@@ -15,6 +15,7 @@ from mathutils import Quaternion, Vector
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
+from tests.blender.subdividing import subdivide
 
 pytestmark = pytest.mark.every_blender
 
@@ -267,7 +268,9 @@ def test_transforms_of_both_count() -> None:
     other = shown_by(source, "Other")
     parent = source.parent = other.parent = scene.add("Parent")
     other.location.x = 0.5
-    addon.measure(other, source)
+    addon.select(other, source)
+    with snapshot.unchanged(lambda path: snapshot.is_ours(path) and path[1] != "Cube"):
+        addon.measure(other, source)
     before, reached = other.data.ccdepth.deviation, other.data.ccdepth.deviation_reached
     parent.scale = (3.0, 3.0, 3.0)
     parent.location, parent.rotation_euler = (70.0, -20.0, 11.0), (0.3, 1.0, -2.0)
@@ -281,9 +284,7 @@ def test_transforms_of_both_count() -> None:
 
 def test_an_adaptive_result_is_measured_against_its_source() -> None:
     source = subdivided_cube(2)
-    addon.select(source)
-    bpy.ops.ccdepth.subdivide(tolerance=0.02, tolerance_mode="ABSOLUTE")
-    result = bpy.data.objects["Cube Adaptive"]
+    [result] = subdivide(source, tolerance=0.02)
     record, settings = result.data.ccdepth, {"tolerance": 0.02, "time_limit": 5.0}
     addon.measure(result, **settings)
     alone = (record.deviation, record.deviation_reached)
@@ -308,8 +309,7 @@ def test_what_was_measured_against_the_active_object_is_shown() -> None:
     """Although the active object was measured before, and is farther off."""
     source = subdivided_cube(1)
     addon.measure(source, time_limit=1.0)
-    bpy.ops.ccdepth.subdivide(tolerance=0.02, tolerance_mode="ABSOLUTE")
-    result = bpy.data.objects["Cube Adaptive"]
+    [result] = subdivide(source, tolerance=0.02)
     source.hide_set(False)
     addon.measure(result, source, tolerance=0.02, time_limit=5.0)
     assert bpy.context.active_object == source
@@ -333,21 +333,11 @@ def test_the_heat_map_shows_what_was_done_last() -> None:
     assert settings.heat_map == "NONE"
 
 
-def test_nothing_else_is_changed() -> None:
-    source = subdivided_cube(2)
-    other = shown_by(source, "Other")
-    addon.select(other, source)
-    with snapshot.unchanged(lambda path: snapshot.is_ours(path) and path[1] != "Cube"):
-        bpy.ops.ccdepth.measure(time_limit=0.1)
-
-
 # Select Worst Face
 
 
 def selected(holder: bpy.types.Object) -> np.ndarray:
-    faces = np.empty(len(holder.data.polygons), dtype=bool)
-    holder.data.polygons.foreach_get("select", faces)
-    return np.flatnonzero(faces)
+    return np.flatnonzero([face.select for face in holder.data.polygons])
 
 
 def view() -> bpy.types.RegionView3D:

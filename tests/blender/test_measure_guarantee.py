@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import subdivide
 from tests.blender.test_adaptive_guarantee import nearest
 from tests.thorough import each
 
@@ -96,22 +97,18 @@ def assert_between(measured: bpy.types.Object, source: bpy.types.Object, levels:
     assert addon.deviations(measured).max() <= upper
 
 
-@pytest.mark.parametrize("limit", [False, True])
-@pytest.mark.parametrize("levels", each([1, 2, 3, 4], short=[1]))
-def test_suzanne_at_levels(levels: int, limit: bool) -> None:
-    holder = scene.add_suzanne()
-    scene.add_subdivision(holder, levels).use_limit_surface = limit
-    addon.measure(holder, time_limit=0.0)
-    assert_between(holder, holder, min(levels + 2, 5))
+SUZANNE = [(scene.suzanne, levels) for levels in (1, 2, 3, 4)]
+SMALL = [(meshes.cube, 1), (meshes.triangles_and_quads, 3)]
 
 
 @pytest.mark.parametrize("limit", [False, True])
-@pytest.mark.parametrize(("levels", "data"), [(1, meshes.cube()), (3, meshes.triangles_and_quads())])
-def test_small_meshes_at_levels(levels: int, data: meshes.MeshData, limit: bool) -> None:
-    holder = scene.add_object(data)
+@pytest.mark.parametrize("case", each([*SMALL, *SUZANNE], short=[*SMALL, SUZANNE[0]]))
+def test_meshes_at_levels(case: tuple[Callable[[], meshes.MeshData], int], limit: bool) -> None:
+    make, levels = case
+    holder = scene.add_object(make())
     scene.add_subdivision(holder, levels).use_limit_surface = limit
     addon.measure(holder, time_limit=0.0)
-    assert_between(holder, holder, 5)
+    assert_between(holder, holder, min(levels + 2, 5) if make == scene.suzanne else 5)
 
 
 def test_decimated() -> None:
@@ -132,15 +129,12 @@ ADAPTIVE: dict[str, Callable[[], meshes.MeshData]] = {
 
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_adaptive_result(name: str) -> None:
-    source = scene.add_object(ADAPTIVE[name](), "Source")
-    addon.select(source)
-    tolerance = 0.03
-    bpy.ops.ccdepth.subdivide(tolerance=tolerance, tolerance_mode="ABSOLUTE")
+    source = scene.add_object(ADAPTIVE[name]())
+    [result] = subdivide(source, tolerance=0.03)
     source.hide_set(False)
-    result = bpy.data.objects["Source Adaptive"]
-    addon.measure(result, source, time_limit=0.0, tolerance=tolerance)
+    addon.measure(result, source, time_limit=0.0, tolerance=0.03)
     assert_between(result, source, 6)
-    assert result.data.ccdepth.deviation_reached <= tolerance
+    assert result.data.ccdepth.deviation_reached <= 0.03
 
 
 @pytest.mark.parametrize("far", [0.3, 7.0])

@@ -145,11 +145,9 @@ def test_creases_can_be_off() -> None:
 
 def test_shape_keys_are_mixed() -> None:
     holder = scene.add_suzanne()
-    holder.shape_key_add(name="Basis")
-    key = holder.shape_key_add(name="Tall")
+    key = scene.add_key(holder, value=0.5)
     for point in key.data:
         point.co.z *= 4.0
-    key.value = 0.5
     np.testing.assert_array_equal(computed(holder), core_depths(evaluated(holder)))
     assert key.value == 0.5
     assert len(bpy.data.shape_keys) == 1
@@ -233,9 +231,7 @@ def test_origins_that_were_averaged_are_not_taken_for_origins() -> None:
     holder = scene.add_object(meshes.landscape(8, 8))
     mesh = holder.data
     name = evaluated._write_origins(holder, mesh)
-    pairs = np.empty(2 * len(mesh.polygons), dtype=np.int32)
-    mesh.attributes[name].data.foreach_get("value", pairs)
-    averaged = pairs.reshape(-1, 2).copy()
+    averaged = scene.read(mesh, name)
     averaged[0] = (averaged[2] + averaged[4]) // 2
     mesh.attributes[name].data.foreach_set("value", averaged.ravel())
     origins = evaluated._read_origins(mesh, name, len(mesh.polygons))

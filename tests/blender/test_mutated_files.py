@@ -19,7 +19,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import program, save
+from tests.blender.runs import program, save
 
 pytestmark = pytest.mark.thorough
 

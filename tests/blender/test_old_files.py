@@ -16,7 +16,7 @@ from tests.blender.updating import move_vertex, set_scene, stale_line, update
 
 pytestmark = pytest.mark.every_blender
 
-# ``make_results.py`` beside it says how it was made.
+# ``make.py`` beside it says how it was made.
 OLD_FILE = Path(__file__).with_name("saved_by_308a89a") / "results.blend"
 
 SETTINGS_LINE, SOURCE_LINE = "Out of date: settings changed", "Out of date: “Kept” changed"

@@ -17,7 +17,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import CHECKOUT, Capture, program, run, save, save_cubes
+from tests.blender.runs import CHECKOUT, Capture, program, run, save, save_cubes
 from tests.thorough import combinations
 
 command_line = addon.module("command_line.command")

@@ -7,9 +7,9 @@ modifier, Use Limit Surface on at the highest Quality, and distances are found b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import replace
-from itertools import islice, product
+from itertools import product
 
 import bpy
 import numpy as np
@@ -21,7 +21,6 @@ from tests.blender.named_meshes import NAMED
 from tests.blender.subdividing import faces, refused, shape, subdivide
 from tests.blender.test_adaptive_guarantee import nearest, points_of_triangles, some
 from tests.blender.test_measure_guarantee import Shown, limit_surface, shown
-from tests.steps import result_of, taken
 from tests.thorough import each
 
 # The level of the modifier that stands for the surface, its most quads, and the most points of it and triangles of the
@@ -132,7 +131,6 @@ def test_bevelled_primitives_get_few_triangles(primitive: tuple[str, bool]) -> N
     # The borders of UV islands stay, which takes up to a tenth more.
     assert faces(result) <= (1.1 * most if has_uvs else most)
     unreduced = result.data.ccdepth.unreduced_triangles
-    original.hide_set(False)
     (whole,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE")
     assert len(scene.triangles_of(whole.data)) == unreduced
     # The mesh of the cube without Reduce has few triangles too: with these borders up to three in four of them stay.
@@ -186,7 +184,6 @@ def test_lines_and_everything_else_of_the_mesh_are_there() -> None:
     assert_everything_else_is_there(result, mesh.attributes.keys())
     found = uvs_off(result)
     bpy.data.objects.remove(result)
-    original.hide_set(False)
     (plain,) = subdivide(original, tolerance=0.01)
     # The surface has its own corners, which UVs do not follow. Beyond that, a vertex is within the tolerance of where
     # its UVs are from, but beside lines, where Decimate interpolates: there within a few.
@@ -220,13 +217,9 @@ def assert_lines_are_where_they_were(result: bpy.types.Object) -> None:
 def uvs_off(holder: bpy.types.Object) -> np.ndarray:
     """(C,): how far UVs are from the places of their corners, in the plane."""
     mesh = holder.data
-    uvs = np.empty(2 * len(mesh.loops), dtype=np.float32)
-    mesh.uv_layers["Map"].uv.foreach_get("vector", uvs)
-    corners = np.empty(len(mesh.loops), dtype=np.int32)
-    mesh.loops.foreach_get("vertex_index", corners)
     right = np.repeat([face.material_index for face in mesh.polygons], [face.loop_total for face in mesh.polygons])
-    places = shape(holder)[corners, :2] + np.stack([20.0 * right, 0.0 * right], axis=1)
-    return np.linalg.norm(uvs.reshape(-1, 2) - places, axis=1)
+    places = shape(holder)[scene.read(mesh, ".corner_vert")[:, 0], :2] + np.stack([20.0 * right, 0.0 * right], axis=1)
+    return np.linalg.norm(scene.read(mesh, "Map") - places, axis=1)
 
 
 def assert_everything_else_is_there(result: bpy.types.Object, attributes: list[str]) -> None:
@@ -327,7 +320,6 @@ def test_in_place_in_both_modes_with_the_scenes_setting(editing: bool) -> None:
 def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:
     original = scene.add_object(meshes.from_faces([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]]))
     (plain,) = subdivide(original, tolerance=1.0)
-    original.hide_set(False)
     (result,) = subdivide(original, tolerance=1.0, reduce=True)
     assert faces(result) == faces(plain)
     assert result.data.ccdepth.unreduced_triangles == 0
@@ -339,7 +331,7 @@ def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:
 @pytest.mark.every_blender
 def test_shape_keys_are_refused_unless_modifiers_are_applied_with_them() -> None:
     original = scene.add_object(bevelled("cube"))
-    original.shape_key_add(name="Basis")
+    scene.add_key(original)
     refused(original, reduce=True, match="cannot keep its shape keys")
     original.modifiers.new("Displace", "DISPLACE").strength = 0.0
     (result,) = subdivide(original, reduce=True)
@@ -352,32 +344,8 @@ def test_the_face_limit_counts_before_reducing() -> None:
     refused(original, tolerance=1e-3, tolerance_mode="RELATIVE", reduce=True, max_faces=500, match="500 are allowed")
     (plain,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE")
     most = faces(plain)
-    original.hide_set(False)
     (result,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE", reduce=True, max_faces=most)
     assert faces(result) <= most
-    original.hide_set(False)
     # Reduce begins with more faces than the tolerance takes.
     (result,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE", reduce=True, max_faces=4 * most)
     assert faces(result) < result.data.ccdepth.unreduced_triangles
-
-
-@pytest.mark.every_blender
-@pytest.mark.parametrize("after", [1, 3, 8, 14])
-def test_nothing_is_left_of_what_is_stopped(after: int) -> None:
-    """It takes some twenty steps."""
-    original = scene.add_object(bevelled("cube"))
-    addon.select(original)
-    with snapshot.unchanged():
-        reducer = _reducer(original)
-        assert len(list(islice(taken(reducer), after))) == after
-        reducer.close()
-
-
-def _reducer(original: bpy.types.Object) -> Generator[object, None, object]:
-    """The steps of reducing an object, as the operator takes them in a window."""
-    tasks = addon.module("tasks.adaptive_task")
-    settings = tasks.AdaptiveSettings(0.01, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 1_000_000)
-    prepared = result_of(tasks.prepare_adaptive(bpy.context, [original], settings))
-    answers = addon.module("tasks.adaptive_meshes").subdivide(prepared, settings)
-    reducing = addon.module("operators.reduced_meshes")
-    return reducing.Reducer(bpy.context, settings, exact_normals=True).make(answers)

@@ -157,28 +157,12 @@ def test_what_cannot_be_set_is_refused(spoil: Callable[[bpy.types.Object], None]
     refuses("set_levels", f"Suzanne: {message}")
 
 
-def test_a_duplicate_that_was_not_measured_is_refused() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=TOLERANCE)
-    large = scene.add_mesh(holder.data)
-    large.scale = (3.0, 3.0, 3.0)
-    addon.select(large)
-    refuses("set_levels", "its depths are out of date")
-    addon.select(holder)
-    assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
-
-
-def test_a_subdivision_has_no_levels_to_set() -> None:
-    addon.select(scene.add_suzanne())
-    assert not bpy.ops.ccdepth.set_levels.poll()
-    bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE)
-    assert not bpy.ops.ccdepth.set_levels.poll()
-
-
 def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_are_subdivided() -> None:
     source, other = scene.add_object(meshes.cube(), "Cage"), scene.add_object(meshes.cube(), "Other")
     addon.select(source)
+    assert not bpy.ops.ccdepth.set_levels.poll()
     bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE)
+    assert not bpy.ops.ccdepth.set_levels.poll()
     result = bpy.context.active_object
     addon.compute(result, other, tolerance=TOLERANCE)
     refuses("set_levels", f"{result.name}: it is a result, made from “Cage”; set the levels of the source")

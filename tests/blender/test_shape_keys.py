@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tests import meshes, uniform
-from tests.blender import addon, scene, snapshot
+from tests.blender import addon, scene
 from tests.blender.full_mesh import LEVEL, ROUNDING, Comparison, compare, everything, weights_of
 from tests.blender.subdividing import refused, subdivide
 
@@ -27,9 +27,7 @@ LOOSE_IN_KEY = (-7.0, 5.0, 3.0)
 
 
 def with_keys(holder: bpy.types.Object) -> bpy.types.Object:
-    for name in ("Basis", "Key"):
-        key = holder.shape_key_add(name=name, from_mix=False)
-    key.value = 0.5
+    key = scene.add_key(holder, value=0.5)
     key.points[0].co.z += 1.0
     key.points[len(key.points) - 1].co = LOOSE_IN_KEY
     return holder
@@ -201,11 +199,9 @@ def cube_with_keys(modifier: bool = False) -> bpy.types.Object:
 def test_results_leave_no_other_keys_whatever_uses_the_mesh(tmp_path: Path) -> None:
     holder = cube_with_keys()
     for times in (1, 2, 3):
-        holder.hide_set(False)
         subdivide(holder)
         check_keys(tmp_path, 1 + times)
     other = scene.add_mesh(holder.data)
-    holder.hide_set(False)
     for tolerance in (0.1, 0.05):
         subdivide(holder, output="IN_PLACE", tolerance=tolerance, subdivide_results=True)
         assert holder.data != other.data
@@ -261,13 +257,3 @@ def test_runs_that_fail_half_way_leave_no_keys(
     refused(holder, match="not enough memory")
     assert [mesh.name for mesh in bpy.data.meshes] == [holder.data.name]
     check_keys(tmp_path, [holder.data.name])
-
-
-def test_keys_of_copies_that_creases_are_converted_on_are_removed() -> None:
-    """Creases of whole numbers are read from a copy of the mesh, with which Blender copies the keys."""
-    holder = with_keys(scene.add_object(meshes.cube()))
-    holder.data.attributes.new("crease_edge", "INT", "EDGE").data[0].value = 1
-    addon.select(holder)
-    with snapshot.unchanged(snapshot.is_ours):
-        addon.compute(holder, use_modifiers=True)
-    assert len(bpy.data.shape_keys) == 1

@@ -219,10 +219,8 @@ def assert_agreement(
     for layer, uvs in found.items():
         surface = face_varying_surface(control, uvs, uv_smooth)
         own = uniform.refined_values(surface, surface.positions[:, :2], UV_LEVEL, limit=False)
-        blenders = np.empty(2 * len(evaluated.loops), dtype=np.float32)
-        evaluated.uv_layers[layer].uv.foreach_get("vector", blenders)
         tolerance = UV_ULPS * float(np.finfo(np.float32).eps * np.abs(uvs).max())
-        by_face = (by_base_face(points, control) for points in (own, blenders.reshape(-1, 2).astype(np.float64)))
+        by_face = (by_base_face(points, control) for points in (own, scene.read(evaluated, layer).astype(np.float64)))
         for ours, theirs in zip(*by_face, strict=True):
             distances = np.abs(ours[:, None] - theirs).max(axis=2)
             assert max(distances.min(axis=0).max(), distances.min(axis=1).max()) <= tolerance, layer

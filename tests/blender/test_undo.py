@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every operator that changes something is one step of undo, which takes all of it back, and redo brings it again."""
+"""Every operator that changes something is one step of undo, which takes all of it back, and redo brings it again.
+
+What is undone can be done anew, with other settings as well, as Adjust Last Operation does it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,14 @@ def computed() -> None:
 
 
 def measured() -> None:
-    addon.measure(scene.add_suzanne())
+    addon.measure(scene.add_object(meshes.creased_cube()), accuracy=0.5, time_limit=30.0)
+
+
+def edited() -> None:
+    holder = scene.add_object(meshes.landscape(5, 4))
+    scene.add_subdivision(holder, 1)
+    addon.select(holder)
+    bpy.ops.object.mode_set(mode="EDIT")
 
 
 def moving() -> None:
@@ -45,7 +55,7 @@ CASES: dict[str, tuple[Callable[[], object], str, dict[str, object]]] = {
     "compute": (lambda: addon.select(scene.add_suzanne()), "compute", {}),
     "compute again": (computed, "compute", {"tolerance": 0.01}),
     "compute over frames": (moving, "compute", {"frames": "CUSTOM", "frame_list": "1-8"}),
-    "measure": (lambda: addon.select(scene.add_suzanne()), "measure", {"time_limit": 0.2}),
+    "measure": (measured, "measure", {"accuracy": 0.1, "time_limit": 30.0}),
     "clear": (computed, "clear", {}),
     "clear a measurement": (measured, "clear", {}),
     "select by depth": (computed, "select", {}),
@@ -53,6 +63,9 @@ CASES: dict[str, tuple[Callable[[], object], str, dict[str, object]]] = {
     "set levels": (computed, "set_levels", {}),
     "subdivide": (computed, "subdivide", {"tolerance": 0.05}),
     "subdivide in place": (computed, "subdivide", {"tolerance": 0.05, "output": "IN_PLACE"}),
+    "compute in Edit Mode": (edited, "compute", {"tolerance": 0.05}),
+    "subdivide in Edit Mode": (edited, "subdivide", {"tolerance": 0.05}),
+    "subdivide in place in Edit Mode": (edited, "subdivide", {"tolerance": 0.05, "output": "IN_PLACE"}),
     "update": (source_and_result, "update", {"tolerance": 0.003, "tolerance_mode": "ABSOLUTE"}),
     "select invalid": (invalid, "select_invalid", {}),
     "repair": (invalid, "repair", {}),
@@ -61,6 +74,9 @@ CASES: dict[str, tuple[Callable[[], object], str, dict[str, object]]] = {
 
 def state() -> snapshot.Snapshot:
     """The whole file, and which source each object has. Blender does not undo how elements are selected."""
+    for mesh in bpy.data.meshes:
+        # What is stored once it is asked for.
+        mesh.ccdepth.measurement  # noqa: B018
     sources = {holder.name: holder.ccdepth.source and holder.ccdepth.source.name for holder in bpy.data.objects}
     found = {path: value for path, value in snapshot.take().items() if path[-1] != "select mode"}
     return found | {("sources",): sources}
@@ -80,6 +96,15 @@ def test_it_is_undone_and_redone(case: str) -> None:
     assert snapshot.differences(before, state()) == []
     bpy.ops.ed.redo()
     assert snapshot.differences(after, state()) == []
+    bpy.ops.ed.undo()
+    if "tolerance" in settings:
+        assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, **settings | {"tolerance": 0.2}) == {"FINISHED"}
+        assert snapshot.differences(after, state())
+        bpy.ops.ed.undo()
+    assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, **settings) == {"FINISHED"}
+    assert snapshot.differences(after, state()) == []
+    if bpy.context.mode == "EDIT_MESH":
+        bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def test_counting_faces_is_no_step_of_undo() -> None:

@@ -16,7 +16,7 @@ import pytest
 from ccdepth_addon.core import VERTICES
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import few_samples, mesh_objects, run, save
+from tests.blender.runs import few_samples, mesh_objects, run, save
 from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
 from tests.blender.updating import stale_line
 
@@ -155,10 +155,9 @@ def test_another_method_makes_nothing_out_of_date_and_the_panel_names_the_one(
     holder, other = scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
     addon.compute(other, vertices="CONTROL")
     addon.compute(holder, method="SHARP")
-    for method in ("DISTANCE", *OLD_METHODS):
-        settings.method = method
-        assert stale_line(holder) == ""
-        assert (addon.facts(holder)["Method"], addon.facts(holder)["Vertices"]) == ("Sharp", "Limit Surface")
+    settings.method = "DISTANCE"
+    assert stale_line(holder) == ""
+    assert (addon.facts(holder)["Method"], addon.facts(holder)["Vertices"]) == ("Sharp", "Limit Surface")
     ways = addon.module("ui.facts").ways([holder.data.ccdepth, other.data.ccdepth])
     assert [each.value for each in ways] == ["Sharp, Certified", "Limit Surface, Control Mesh"]
 

@@ -15,6 +15,9 @@ from tests.blender import addon, scene
 
 Capture = pytest.CaptureFixture[str]
 
+# A quick run for cubes.
+LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
+
 CHECKOUT = Path(__file__).resolve().parents[2]
 
 
@@ -49,7 +52,7 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
 
 
-def skip_unless_written(suffix: str) -> None:
+def skip_unwritten(suffix: str) -> None:
     if not writable(suffix):
         pytest.skip(f"this Blender cannot write {suffix} files")
 
