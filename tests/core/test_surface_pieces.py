@@ -96,9 +96,8 @@ def test_sheets_that_meet_at_a_vertex_have_vertices_of_their_own() -> None:
     """Four wings at an edge, which is closed: each has the ends of the edge for itself, and its own normal there."""
     wings = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 0, 5]])
     points = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=float)
-    nothing = np.zeros((4, 3), dtype=np.intp)
-    closed, unknown = np.ones((4, 3), dtype=bool), np.zeros(4, dtype=bool)
-    found = Triangles.joined(points[wings], wings, nothing.copy(), nothing.copy(), closed, unknown)
+    found = Triangles.of(points[wings], wings)
+    assert np.all(found.is_closed)
     assert len(np.unique(found.vertices)) == 12
     np.testing.assert_array_equal(found.origins[found.vertices], wings)
     np.testing.assert_allclose(found.vectors[:4], np.repeat(found.normals[:4, None], 3, axis=1))
