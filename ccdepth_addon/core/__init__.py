@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Catmull-Clark surfaces within a tolerance: numpy arrays in, numpy arrays out, nothing of Blender.
 
-The public interface: what is not named here may change. docs/api.md is made from these docstrings.
+The public interface: names that are not listed here may change. scripts/api_docs.py makes docs/api.md from the
+docstrings.
 """
 
 from .adaptive.plan import TooManyFacesError

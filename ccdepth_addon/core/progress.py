@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The way in which long work reports its progress to its caller, and is stopped."""
+"""Reports of progress: long work tells its caller the fraction done, and the caller may raise to stop the work."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-# Called with how far the work is; what it raises ends the work.
+# A function of the fraction done; an exception of the function ends the work.
 Progress = Callable[[float], None]
 
 
@@ -14,5 +14,5 @@ def no_report(done: float) -> None:
 
 
 def part_of(progress: Progress, begin: float, share: float) -> Progress:
-    """The progress of a part that begins at a fraction of the whole, and is this share of it."""
+    """The progress of a part of the work that begins at a fraction of the whole and has a share of the whole."""
     return lambda fraction: progress(begin + share * fraction)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The plan of an adaptive mesh: a tree, the surface over its nodes, and how its leaves are drawn."""
+"""The plan of an adaptive mesh: a tree, the surface over its nodes, and the triangles of its leaves."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, RectangleTree
 from .request import AdaptiveRequest
 from .vertex_positions import VertexPositions
 
-# The ratio of the estimated faces to the number allowed above which a result is refused before it is planned; and the
-# least faces for a leaf there can be.
+# A result is refused before planning when its estimated faces exceed the number allowed by this factor; and the least
+# faces for a leaf there can be.
 SURELY_TOO_MANY = 4
 LEAST_FACES_OF_A_LEAF = 0.5
 
 # The factor between the tolerances tried in search of one with few enough faces.
 SEARCH_STEP = 1.1
 
-# What samples miss tells how to split a leaf if it is more than this part of the limit.
+# The distances at samples decide how to split a leaf where the largest exceeds this part of the limit.
 TELLING = 0.25
 
-# No pattern of split sides: of a leaf that has not been looked at.
+# The pattern of a leaf without an approximation.
 UNKNOWN = np.int8(-1)
 
 
 class TooManyFacesError(ValueError):
-    """The result would be too large. faces: their estimated number; tolerance: an estimate of one with few enough
-    faces, in the unit of the positions, from the control mesh's faces alone."""
+    """The error of a result with more faces than allowed. faces: their estimated number; tolerance: an estimate of a
+    tolerance with few enough faces, in the unit of the positions, from the control mesh's faces alone."""
 
     def __init__(self, faces: int, tolerance: float) -> None:
         super().__init__(f"the result would have about {faces:,} faces; about {tolerance:.3g} might fit")
@@ -43,8 +43,9 @@ class TooManyFacesError(ValueError):
 
 
 class Plan:
-    """tree; surfaces; positions of its vertices. Of each node, by columns: how it is drawn if it is a leaf, its split
-    sides then, and the bounds that ``leaf_bounds`` finds: at equal parameters, by feet, and along the surface."""
+    """A tree, with the surfaces over its nodes and the positions of its vertices. Columns hold for each node: as a
+    leaf, the template and the pattern of split sides; and the bounds of ``leaf_bounds``: at equal parameters, by feet,
+    and along the surface."""
 
     def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> None:
         """progress: is told the number of leaves so far, and may raise to stop."""
@@ -57,14 +58,14 @@ class Plan:
         self._drawn = {field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)}
         self._split_sides = self.tree.add_column(np.int32(NONE))
         self.at_equal, self.by_feet, self.along_surface = (self.tree.add_column(np.float64(np.inf)) for _ in range(3))
-        # Leaves whose bound may have changed with those around.
+        # Leaves whose bound may have changed with the leaves around.
         self.is_stale = self.tree.add_column(np.bool_(False))
         self._changed = list[IndexArray]()
         self._split = list[IndexArray]()
         self._beside = list[IndexArray]()
 
     def report(self) -> None:
-        """Tell the number of leaves so far; raises what the caller raises to stop."""
+        """Report the number of leaves so far. Raises the caller's exception to stop."""
         self._progress(self.tree.leaf_count)
 
     def approximation(self, nodes: IndexArray) -> LeafApproximation:
@@ -72,14 +73,13 @@ class Plan:
         return LeafApproximation(**{name: column.values.take(nodes) for name, column in self._drawn.items()})
 
     def bounds(self, leaves: IndexArray) -> FloatArray:
-        """(n,): how far the triangles of leaves are from the surface at most; infinite where that is not proved."""
+        """(n,): the proved distances of the triangles of leaves from the surface; infinite where none is proved."""
         columns = self.at_equal, self.by_feet, self.along_surface
         found: FloatArray = np.minimum.reduce([column.values[leaves] for column in columns])
         return found
 
     def approximate(self, leaves: IndexArray) -> IndexArray:
-        """Look at leaves whose split sides are not those they were looked at with. Returns those that miss more than
-        the limit."""
+        """Approximate leaves whose split sides have changed. Returns the leaves that miss more than the limit."""
         patterns = self._patterns(leaves)
         leaves = leaves[patterns != self._split_sides.values[leaves]]
         is_quad = self.tree.is_quad(leaves)
@@ -96,7 +96,7 @@ class Plan:
         return leaves[~self._drawn["accepted"].values[leaves]]
 
     def take_changed(self) -> IndexArray:
-        """The leaves that have been looked at since the last call, each once, in ascending order."""
+        """The leaves approximated since the last call, each once, in ascending order."""
         changed, self._changed = self._leaves_among(self._changed), []
         return changed
 
@@ -107,7 +107,7 @@ class Plan:
         return np.flatnonzero(is_there & (self.tree.first_child == NONE))
 
     def _patterns(self, leaves: IndexArray) -> IndexArray:
-        """(n,): how many and which sides are split, as a number; sides are only ever split."""
+        """(n,): the number of split sides of each leaf, which tells patterns apart, as sides are never joined again."""
         slots, counts = self.tree.slots(leaves), self.tree.slot_counts(leaves)
         found: IndexArray = np.add.reduceat(self.tree.hanging(slots), np.cumsum(counts) - counts, dtype=np.intp)
         return found
@@ -130,7 +130,7 @@ class Plan:
         return found.at(np.argsort(order))
 
     def are_border(self, edges: IndexArray) -> BoolArray:
-        """Whether edges of the tree are along those of the control mesh that have not just two faces."""
+        """Whether edges of the tree lie along control edges with one face, or with more than two."""
         edges = self.tree.base_edges.take(edges)
         found: BoolArray = (edges != NONE) & (self.tree.mesh.edge_face_counts[edges] != 2)
         return found
@@ -141,8 +141,9 @@ class Plan:
         return found
 
     def ways_to_bounds(self, leaves: IndexArray) -> IndexArray:
-        """(n,): how to split leaves for which no bound is proved. Where samples miss little across the planes, as where
-        parameters lie elsewhere within these, or lines wind, the largest second differences of coefficients decide."""
+        """(n,): how to split leaves for which no bound is proved. Where samples miss little across the planes, because
+        parameters are uneven or lines wind within these planes, the largest second differences of coefficients decide.
+        """
         ways = self.ways(leaves)
         missed = np.maximum(*(self._drawn[name].values[leaves] for name in ("along_u", "along_v")))
         is_unclear = (ways != QUARTERS) & (missed < TELLING * self.request.limit)
@@ -172,7 +173,7 @@ class Plan:
         return self.tree.children(leaves)
 
     def take_beside_split(self) -> IndexArray:
-        """The leaves beside what has been split since the last call, each once, in ascending order."""
+        """The leaves beside those split since the last call, each once, in ascending order."""
         if not self._split:
             return np.zeros(0, dtype=np.intp)
         split, self._split = np.concatenate(self._split), []
@@ -180,7 +181,7 @@ class Plan:
         return self._beside[-1]
 
     def approximate_beside_split(self) -> IndexArray:
-        """Look at the leaves that ``take_beside_split`` has told of since the last call, as in ``approximate``."""
+        """Approximate the leaves that ``take_beside_split`` has returned since the last call, as in ``approximate``."""
         beside, self._beside = self._leaves_among(self._beside), []
         return self.approximate(beside)
 
@@ -198,7 +199,7 @@ class Plan:
             raise TooManyFacesError(int(expected), self._feasible_limit())
 
     def _expected(self, nodes: IndexArray, limit: float) -> float:
-        """Estimated leaves that nodes are split into: halving divides what is missed along one way by four."""
+        """The estimated number of leaves below nodes: each halving divides the error along its parameter by four."""
         ratios = (self._drawn[name].values[nodes] / limit for name in ("along_u", "along_v"))
         halvings = sum(np.ceil(np.log2(np.maximum(each, 1.0)) / 2) for each in ratios)
         return float(np.exp2(halvings).sum())

@@ -3,12 +3,11 @@
 
 The faces of the control mesh are the first leaves of a tree of rectangles. A leaf is split
 
-1. while the surface seems to be farther from what is drawn than the limit, across the way it bends most;
+1. while its triangles seem to miss the surface by more than the limit, across the direction of most bend;
 2. where neighbours are more than one split ahead, or where split sides make more faces than a split does;
-3. while no bound within the limit is proved for it (``leaf_bounds``),
-
-and then the leaves around it are looked at again. Bounds fall with the size of a leaf, and no split is undone, so this
-ends. All that is drawn has a proved bound in the end, in both directions between mesh and surface (docs/adaptive.md).
+3. while no bound within the limit is proved for the leaf (``leaf_bounds``); then the leaves around are bounded again.
+Bounds fall with the size of a leaf, and no split is undone, so splitting ends. Every leaf then has a proved bound, in
+both directions between mesh and surface (docs/adaptive.md).
 """
 
 from __future__ import annotations
@@ -32,8 +31,9 @@ from .tessellation import TessellationPlan, plan_tessellation, tessellate
 
 @dataclass(frozen=True)
 class AdaptiveMesh:
-    """The mesh, and of each of its F faces: (F,) float64 the proved distance; (F,) int32 the depth of its base face,
-    which is the level of the deepest leaf there. leaf_count: the number of leaves they tessellate."""
+    """A tessellated mesh of F faces. bounds: (F,) float64, the proved distance of each face; depths: (F,) int32, the
+    depth of each face's base face: the level of the deepest leaf there. leaf_count: the number of leaves of the tree.
+    """
 
     mesh: SubdividedMesh
     bounds: FloatArray
@@ -42,7 +42,7 @@ class AdaptiveMesh:
 
 
 def count_faces(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress = no_report) -> int:
-    """The number of faces of the result.
+    """The number of faces that ``subdivide_adaptively`` makes.
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). progress: is told the number of leaves so far,
     and may raise to stop. Raises TooManyFacesError.
@@ -54,11 +54,11 @@ def count_faces(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress 
 def subdivide_adaptively(
     mesh: PolygonMesh, request: AdaptiveRequest, positions: FloatArray, progress: Progress = no_report
 ) -> AdaptiveMesh:
-    """The mesh within the limit.
+    """The adaptive mesh within the limit of the request.
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space of the limit. positions: (V, 3)
-    float64, of the same control mesh in the space of the result, which has the axes of the request.
-    progress: is told the number of leaves so far, and may raise to stop. Raises TooManyFacesError.
+    float64, of the same control mesh in the space of the result, whose axes are those of the request. progress: is told
+    the number of leaves so far, and may raise to stop. Raises TooManyFacesError.
     """
     plan, tessellation = plan_within(mesh, request, progress)
     made = tessellate(tessellation, plan.positions.in_space_of(positions, tessellation.used))
@@ -84,8 +84,9 @@ def plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress)
 
 
 def _unfinished(plan: Plan) -> tuple[IndexArray, IndexArray]:
-    """The leaves to split next, and how: those out of balance; if none, those that seem to miss more than the limit
-    with their sides split; if none, those that make fewer faces then; if none, those not proved to be within it."""
+    """The leaves to split next, and how to split them: leaves out of balance; if there are none, leaves that seem to
+    miss more than the limit with their sides split; then leaves that make fewer faces when split; then leaves without a
+    proved bound within the limit."""
     wanted, ways = unbalanced(plan)
     if len(wanted):
         return wanted, ways
@@ -100,7 +101,7 @@ def _unfinished(plan: Plan) -> tuple[IndexArray, IndexArray]:
 
 
 def _split(plan: Plan, leaves: IndexArray, ways: IndexArray) -> IndexArray:
-    """Split leaves. Where faces are divided evenly all leaves of their faces are split. Returns the children."""
+    """Split leaves, and in the mode PER_FACE all leaves of their faces. Returns the children."""
     if plan.request.mode is Mode.PER_FACE:
         tree, every = plan.tree, plan.tree.leaves()
         faces = np.zeros(tree.mesh.face_count, dtype=bool)

@@ -21,12 +21,13 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True)
 class AdaptiveRequest:
-    """The way to subdivide a control mesh. limit: the largest distance, in the unit of its positions, rounding
-    subtracted.
+    """The way to subdivide a control mesh. limit: the largest distance allowed, in the unit of the positions, with
+    rounding already subtracted.
 
-    most_faces: a larger result is refused. axes: (3, 3) float64, its columns the axes of the space where Blender
-    triangulates the result, in coordinates of the positions. largest_coordinate: of the control mesh in that space.
-    are_squares: whether quads are quartered alone, never halved, for what merges their triangles afterwards.
+    most_faces: the number of faces above which a result is refused. axes: (3, 3) float64, whose columns are the axes of
+    the space where Blender triangulates the result, in coordinates of the positions. largest_coordinate: the largest
+    absolute coordinate of the control mesh in that space. are_squares: whether quads are only quartered, never halved,
+    as serves a later reduction.
     """
 
     limit: float

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A subdivision result: polygons, and where on the control mesh each of their parts lies."""
+"""The result of a subdivision: polygons, with the place of every vertex and corner on the control mesh."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..surface.surface_points import SurfacePoints
 
 @dataclass(frozen=True)
 class SubdividedMesh:
-    """Polygons with vertices on the limit surface of a control mesh. V vertices, E edges, F faces, C corners.
+    """A mesh of V vertices on the limit surface of a control mesh, with E edges, F faces and C corners.
 
     vertex_points: SurfacePoints (V)          where each vertex lies; corner -1 for vertices without faces; computed
                                               on demand
@@ -44,7 +44,7 @@ class SubdividedMesh:
 
     @property
     def is_loose(self) -> BoolArray:
-        """(V,) the vertices without faces, which lie nowhere on the surface; all of them are the control mesh's."""
+        """(V,) bool: whether a vertex is a control vertex without faces, and so without a place on the surface."""
         return self.vertex_points.corners < 0
 
     @cached_property

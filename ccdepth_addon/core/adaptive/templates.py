@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Templates: how triangles tessellate a quad, by which of its sides are split.
+"""Templates: the triangles that tessellate a quad, for each pattern of split sides.
 
 The points of a quad are its corners 0 to 3 and the middles 4 to 7 of the sides from them; a pattern has bit s set when
 side s is split. The four triangles or fewer of a template have no angle below 26° on a square.
@@ -45,7 +45,7 @@ CANONICAL = {0b0000: PLAIN, 0b0001: ONE_SIDE, 0b0011: SIDES_IN_A_ROW, 0b0101: OP
 
 
 def templates(pattern: int) -> tuple[Template, ...]:
-    """The templates to choose from for a pattern other than ``ALL_SPLIT``: such a quad is better split itself."""
+    """The templates for a pattern other than ``ALL_SPLIT``, whose quads are always split."""
     if pattern == ALL_SPLIT:
         raise ValueError("a quad whose four sides are split has no template")
     turns = _turns(pattern)
@@ -55,7 +55,7 @@ def templates(pattern: int) -> tuple[Template, ...]:
 
 
 def _turns(pattern: int) -> int:
-    """By how many sides a pattern is turned from one in ``CANONICAL``."""
+    """The number of sides by which a pattern is turned from its pattern in ``CANONICAL``."""
     return next((turns for turns in range(4) if rotated_pattern(pattern, -turns) in CANONICAL), 0)
 
 
@@ -70,7 +70,7 @@ def _rotated(triangle: Triangle, turns: int) -> Triangle:
     return a, b, c
 
 
-# By how many sides each pattern is turned; and how many templates each has.
+# For each pattern the number of sides it is turned by, and the number of its templates.
 TURNS = np.array([_turns(pattern) for pattern in range(16)])
 COUNTS = np.array([0 if pattern == ALL_SPLIT else len(templates(pattern)) for pattern in range(16)])
 
@@ -81,27 +81,27 @@ def template_numbers(patterns: NDArray[np.int8], alternatives: IndexArray | NDAr
 
 
 def template_groups(numbers: IndexArray) -> Iterator[tuple[int, int, IndexArray]]:
-    """Each pattern and alternative among template numbers (P,), and the indices where it is."""
+    """Each pattern and alternative among template numbers (P,), with the indices of its entries."""
     for number in np.unique(numbers).tolist():
         yield number % 16, number // 16, np.flatnonzero(numbers == number)
 
 
 def triangle_table(each: Sequence[Template]) -> tuple[IndexArray, IndexArray]:
-    """The vertices of the triangles of templates (n, T, 3), and their numbers (n,): what a template has less of is
-    repeated."""
+    """(n, T, 3) and (n,): the vertices of the templates' triangles, and their numbers. Shorter templates are padded by
+    repeating a triangle."""
     counts = np.array([len(template) for template in each])
     repeated = [[*template, *[template[0]] * (counts.max() - len(template))] for template in each]
     return np.array(repeated, dtype=np.intp), counts
 
 
 def _all_templates() -> list[Template]:
-    """By their numbers; those that there are not as another."""
+    """The templates by number; unused numbers repeat a template."""
     patterns = [templates(pattern) for pattern in range(ALL_SPLIT)]
     rows = [[own[min(alternative, len(own) - 1)] for own in (*patterns, PLAIN)] for alternative in range(COUNTS.max())]
     return [template for row in rows for template in row]
 
 
-# By the number of a template, as in ``triangle_table``; where all sides are whole there are fewer triangles.
+# By the number of a template, as in ``triangle_table``; without split sides there are fewer triangles.
 TRIANGLES, TRIANGLE_COUNTS = triangle_table(_all_templates())
 
 
@@ -111,7 +111,7 @@ TWO_SIDES_OF_TRIANGLE: Template = ((3, 1, 4), (0, 3, 2), (3, 4, 2))
 
 
 def triangle_template(pattern: int) -> Template:
-    """The template of a triangle with one or two split sides; with three it is better split itself."""
+    """The template of a triangle with one or two split sides; with three split sides the triangle itself is split."""
     for turns in range(3):
         for source, template in ((0b001, ONE_SIDE_OF_TRIANGLE), (0b011, TWO_SIDES_OF_TRIANGLE)):
             if (source << turns | source >> (3 - turns)) & 0b111 == pattern:

@@ -40,9 +40,9 @@ DARTS = {"PRESERVE_CORNERS_JUNCTIONS_AND_CONCAVE", "PRESERVE_BOUNDARIES"}
 
 
 def face_varying_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: str) -> PolygonMesh:
-    """The control mesh of a UV map, at positions (u, v, 0), with the same faces and corners as ``mesh``.
+    """The control mesh of a UV map, with vertices at (u, v, 0) and the same faces and corners as ``mesh``.
 
-    mesh: with its sharpness explicit. uvs: (C, 2) float32, finite. smooth: one of ``UV_SMOOTH`` but NONE.
+    mesh: with explicit sharpness. uvs: (C, 2) float32, finite. smooth: one of ``UV_SMOOTH`` but NONE.
     """
     if smooth not in UV_SMOOTH[1:]:
         raise ValueError(f"no surface of a UV map is smoothed as {smooth}")

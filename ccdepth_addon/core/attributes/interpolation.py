@@ -24,7 +24,10 @@ Evaluate = Callable[[SurfacePoints], NDArray[Any]]
 
 
 def interpolated(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePoints) -> NDArray[np.float32]:
-    """(N, D): ``interpolate_linearly`` in single precision, block by block."""
+    """(N, D) float32: corner values interpolated linearly within faces, at points of the surface.
+
+    corner_values: (C, D), at the corners of the control mesh.
+    """
     values = np.empty((len(points.corners), corner_values.shape[1]), dtype=np.float32)
     for block in chunks(len(values), AT_ONCE):
         values[block] = interpolate_linearly(mesh, corner_values, points.at(block))
@@ -32,7 +35,7 @@ def interpolated(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePo
 
 
 def at_corners(subdivided: SubdividedMesh, evaluate: Evaluate) -> NDArray[np.float32]:
-    """(C, D) float32: ``evaluate`` at the corners, once for all corners at a vertex inside a face."""
+    """(C, D) float32: the values of ``evaluate`` at the corners, evaluated once for each vertex inside a base face."""
     inside = (subdivided.base_vertices < 0) & (subdivided.vertex_edges < 0)
     corner_inside = inside[subdivided.corner_vertices]
     on_border = np.flatnonzero(~corner_inside)
@@ -48,9 +51,9 @@ def at_corners(subdivided: SubdividedMesh, evaluate: Evaluate) -> NDArray[np.flo
 
 
 def at_vertices(subdivided: SubdividedMesh, values: NDArray[Any], evaluate: Evaluate, kept: BoolArray) -> NDArray[Any]:
-    """(V, D): the values of the control mesh's vertices where they are ``kept`` (V,), and ``evaluate`` elsewhere.
+    """(V, D): control values at kept control vertices, and the values of ``evaluate`` at all other vertices.
 
-    values: (vertices of the control mesh, D). kept: vertices of the control mesh, all loose ones among them.
+    values: (control vertices, D). kept: (control vertices,) bool, True at all loose vertices.
     """
     found = evaluate(subdivided.vertex_points.at(np.flatnonzero(~kept)))
     result = np.empty((len(kept), values.shape[1]), dtype=found.dtype)
@@ -60,7 +63,8 @@ def at_vertices(subdivided: SubdividedMesh, values: NDArray[Any], evaluate: Eval
 
 
 def interpolated_at_vertices(mesh: PolygonMesh, values: FloatArray, subdivided: SubdividedMesh) -> NDArray[np.float32]:
-    """(V, D) float32: values at the control mesh's vertices, interpolated; these vertices keep theirs exactly."""
+    """(V, D) float32: values of the control vertices, interpolated linearly; control vertices keep their values
+    exactly."""
     corner_values = values[mesh.corner_vertices]
     return at_vertices(
         subdivided, values, lambda points: interpolated(mesh, corner_values, points), subdivided.base_vertices >= 0
@@ -68,13 +72,13 @@ def interpolated_at_vertices(mesh: PolygonMesh, values: FloatArray, subdivided: 
 
 
 def nearest_vertices(mesh: PolygonMesh, subdivided: SubdividedMesh) -> IndexArray:
-    """(V,) intp, the nearest vertex of the control mesh to each vertex, in its face."""
+    """(V,) intp: for each vertex the nearest control vertex of its base face."""
     nearest = mesh.corner_vertices[subdivided.vertex_points.corners]
     return np.where(subdivided.base_vertices >= 0, subdivided.base_vertices, nearest)
 
 
 def to_rotation_vectors(quaternions: FloatArray) -> FloatArray:
-    """(N, 4) quaternions w, x, y, z → (N, 3), axis times angle, the angle from 0 to 2π."""
+    """(N, 3): rotation vectors, axis times angle from 0 to 2π, of quaternions (N, 4), w, x, y, z."""
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
     unit = np.divide(quaternions, lengths, out=np.tile([1.0, 0.0, 0.0, 0.0], (len(lengths), 1)), where=lengths > 0)
     sines = np.linalg.norm(unit[:, 1:], axis=1, keepdims=True)
@@ -83,14 +87,14 @@ def to_rotation_vectors(quaternions: FloatArray) -> FloatArray:
 
 
 def to_quaternions(rotation_vectors: FloatArray) -> FloatArray:
-    """(N, 3) axis times angle → (N, 4) unit quaternions w, x, y, z."""
+    """(N, 4): unit quaternions w, x, y, z, from rotation vectors (N, 3), axis times angle."""
     angles = np.linalg.norm(rotation_vectors, axis=1, keepdims=True)
     scaled = np.divide(np.sin(angles / 2), angles, out=np.full_like(angles, 0.5), where=angles > 0)
     return np.concatenate([np.cos(angles / 2), scaled * rotation_vectors], axis=1)
 
 
 def split_transformations(matrices: FloatArray) -> FloatArray:
-    """(N, 16) matrices, column by column, → (N, 9): location, rotation vector, scale. Shear is lost."""
+    """(N, 9): location, rotation vector and scale of matrices (N, 16), column by column. Shear is lost."""
     columns = matrices.reshape(-1, 4, 4)[:, :3, :3]
     scales = np.linalg.norm(columns, axis=2)
     mirrored = np.linalg.det(columns) < 0
@@ -102,7 +106,7 @@ def split_transformations(matrices: FloatArray) -> FloatArray:
 
 
 def join_transformations(parts: FloatArray) -> FloatArray:
-    """(N, 9) location, rotation vector, scale → (N, 16) matrices, column by column."""
+    """(N, 16): matrices, column by column, from parts (N, 9): location, rotation vector, scale."""
     w, x, y, z = to_quaternions(parts[:, 3:6]).T
     axes = np.stack(
         [

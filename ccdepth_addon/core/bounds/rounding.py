@@ -10,15 +10,15 @@ from ..mesh.polygon_mesh import PolygonMesh
 
 
 def largest_coordinates(mesh: PolygonMesh) -> FloatArray:
-    """(3,) float64: the largest absolute coordinate along each axis of the vertices that have a face."""
+    """(3,) float64: the largest absolute coordinate along each axis, of vertices with faces."""
     has_faces = mesh.vertex_face_counts > 0
     used = mesh.positions if np.all(has_faces) else mesh.positions[has_faces]
     return np.maximum(used.max(axis=0, initial=0.0), -used.min(axis=0, initial=0.0))
 
 
 def rounded_size(mesh: PolygonMesh) -> float:
-    """R, of which every rounding of a position is a part: the length of ``largest_coordinates``, in the unit of the
-    positions, or of what they were computed from (``PolygonMesh.rounded_size``) where that is longer.
+    """R, the length that all rounding of positions is relative to: the length of ``largest_coordinates``, or
+    ``PolygonMesh.rounded_size`` if that is longer. In the unit of the positions.
 
     Blender rounds positions P in object space: a coordinate by a part u of the largest one along its axis, m. With the
     linear part W of the object's matrix that is ‖W δ‖ ≤ u‖|W| m‖, however short W P is.
@@ -41,7 +41,7 @@ def modifier_rounding(mesh: PolygonMesh, level: int) -> float:
 
 
 def smallest_step(mesh: PolygonMesh) -> float:
-    """Four steps of single precision of the ``rounded_size``: coordinates show nothing finer."""
+    """The smallest distance that coordinates can show: four single-precision steps of the ``rounded_size``."""
     return 2.0**-22 * rounded_size(mesh)
 
 
@@ -51,12 +51,12 @@ def smallest_tolerance(mesh: PolygonMesh) -> float:
 
 
 def rounding_allowance(mesh: PolygonMesh) -> float:
-    """The most that double-precision rounding can take off a bound, in the unit of the positions.
+    """The largest amount by which double-precision rounding can lower a bound, in the unit of the positions.
 
     A sum of s terms with non-negative weights that sum to 1 is off by at most (s + 2)uR, u = 2⁻⁵³ and R the
     ``rounded_size``; s is at most twice the largest valence or face size, plus one, and 9 on a regular patch. A hundred
-    levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, some 10⁻⁶ of
-    ``smallest_step``. What it covers in tessellations: docs/adaptive.md, Rounding.
+    levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, about 10⁻⁶ of
+    ``smallest_step``. For tessellations see docs/adaptive.md, Rounding.
     """
     terms = 2 * max(largest_valence(mesh), 4) + 1
     return 128 * (2 * terms + 8) * 2.0**-53 * rounded_size(mesh)

@@ -15,13 +15,13 @@ def common_level(meshes: Sequence[tuple[Sequence[Pose], str, str, PoseDepths]], 
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance in every
     pose of every mesh.
 
-    meshes: of each the arguments of ``pose_depths``, and its result. With limit vertices, level 1 is the first, and a
-    margin is left at some corners, as of ``uniform_level``. progress: as of ``pose_depths``.
+    meshes: for each mesh the arguments of ``pose_depths``, and its result. With limit vertices, level 1 is the first,
+    with a margin at some corners, as in ``uniform_level``. progress: as in ``pose_depths``.
     """
     poses = [(pose, method, vertices, found) for own, method, vertices, found in meshes for pose in own]
     level, agreed, begun = 0, 0, 0.0
     for pose, method, vertices, found in cycle(poses):
-        # One part is left over for the case that they do not agree.
+        # One part is left over, for meshes that do not agree.
         share = (1 - begun) / (len(poses) - agreed + 1)
         part = part_of(progress, begun, share)
         depths, lasting = found.depths, found.lasting

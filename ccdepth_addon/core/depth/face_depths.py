@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The depth of every face: the least level proved to lie within a tolerance of the limit surface.
 
-Meshes and a tolerance in, depths out; ``distance_depth``, ``certified_depth`` and ``norm_depth`` compute them.
+``distance_depth``, ``certified_depth`` and ``norm_depth`` compute depths from a mesh and a tolerance.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ VERTICES = tuple(vertices.value for vertices in Vertices)
 
 
 class ToleranceError(ValueError):
-    """The tolerance decides nothing on this mesh; the message says why in a modeller's words."""
+    """The error of a tolerance without meaning on the mesh. The message gives the reason in a modeller's words."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def face_depths(
     """The depth of every face of a mesh whose sharpness is explicit (``sharpness.apply_boundary_rule``).
 
     tolerance: the largest distance allowed, in the unit of the positions. method, vertices: names of ``Method`` and
-    ``Vertices``. progress: is told the fraction done, which only rises, and may raise to stop. is_checked: whether
+    ``Vertices``. progress: receives the rising fraction done, and may raise to stop. is_checked: whether
     ``check_input`` has accepted mesh and tolerance already. Raises InvalidMeshError, ToleranceError, and ValueError for
     an unknown name.
     """
@@ -77,20 +77,20 @@ def face_depths(
 
 
 def check_input(mesh: PolygonMesh, tolerance: float) -> None:
-    """Raise InvalidMeshError or ToleranceError for what has no depths."""
+    """Raise InvalidMeshError for a mesh without depths, and ToleranceError for a tolerance without meaning."""
     validate(mesh)
     check_tolerance(tolerance, smallest_tolerance(mesh))
 
 
 def check_pose(mesh: PolygonMesh, tolerance: float) -> None:
-    """Check positions for a mesh that was accepted with others, in less time."""
+    """Raise as ``check_input``, in less time, for a mesh accepted with other positions."""
     if not has_good_positions(mesh):
         validate(mesh)
     check_tolerance(tolerance, smallest_tolerance(mesh))
 
 
 class _Counter:
-    """Counts the faces that are done, and tells their fraction."""
+    """A counter of finished faces, which reports their fraction."""
 
     def __init__(self, progress: Progress, total: int) -> None:
         self._progress = progress
@@ -118,13 +118,13 @@ def uniform_level(
 ) -> int:
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance.
 
-    A face can be farther from the surface at a level than at the one before, so that the deepest depth need not be it.
-    With limit vertices, a margin is left at corners that Blender does not show quite on the surface
-    (``modifier_quality``), and level 1 is the first: a modifier at level 0 leaves every vertex where it is.
+    A face can be farther from the surface at a level than at the level before, so the deepest depth is not always
+    enough. With limit vertices, corners that Blender shows slightly off the surface keep a margin
+    (``modifier_quality``), and level 1 is the first: a modifier at level 0 moves no vertex.
 
-    mesh, tolerance, method, vertices, progress, and errors: as of ``face_depths``. depths, lasting: (F,) each, what it
-    found with the same arguments, where that is known: depths are proved at their own level, lasting ones at all later
-    ones; all others are evaluated. least: no level before this one is wanted.
+    mesh, tolerance, method, vertices, progress, and errors: as in ``face_depths``. depths, lasting: (F,) each, from
+    ``face_depths`` with the same arguments, if known: a depth is proved at its own level, a lasting depth at all later
+    levels; other faces are evaluated. least: the first level to try.
     """
     if depths is None:
         found = face_depths(mesh, tolerance, method, vertices)
@@ -138,10 +138,10 @@ def uniform_level(
         margin = unmet.margin(tolerance)
         least = max(least, 1)
     level = max(least, int(depths.max(initial=0)))
-    # How many levels there will be is not known: each has half of what is left.
+    # The number of levels is unknown: each level reports half of the remaining fraction.
     begun = 0.0
     while True:
-        # A depth by distance takes the faces around to be within the tolerance as well.
+        # A depth by distance assumes that the faces around are within the tolerance as well.
         is_open = np.full(len(depths), True) if Method(method) is Method.DISTANCE else depths != level
         parts = [(np.flatnonzero(is_open & ~lasting & ~with_margin), tolerance)]
         if np.any(with_margin):
@@ -161,8 +161,8 @@ def all_within(
     level: int,
     progress: Progress,
 ) -> bool:
-    """Whether some faces are within a tolerance, others within another, at one level; ends with the first that is
-    not."""
+    """Whether faces are within a tolerance at one level, part by part, each part with a tolerance of its own. Stops at
+    the first face beyond its tolerance."""
     counter = _Counter(progress, sum(len(faces) for faces, _ in parts))
     counter.tick()
     for faces, tolerance in parts:
@@ -234,7 +234,7 @@ def depths_in_chunks(
 
 
 def check_tolerance(tolerance: float, least: float) -> None:
-    """Raise ToleranceError unless it is a number, greater than zero and not below the least that means anything."""
+    """Raise ToleranceError unless the tolerance is a number, greater than zero and at least the least tolerance."""
     if not np.isfinite(tolerance):
         raise ToleranceError("the tolerance is not a finite number")
     if tolerance <= 0:

@@ -14,10 +14,9 @@ from .tolerance import ToleranceTest
 
 @dataclass
 class LevelDecision:
-    """Bounds of the level-k facets of B base faces so far.
-
-    wanted: (B,) bool, faces that are not disproved. upper, lower: (B,) float64, distances at most and at least over the
-    decided parts. open_differences: S - L where it is still undecided.
+    """The bounds found so far for the level-k facets of B base faces. wanted: (B,) bool, faces that are not disproved.
+    upper, lower: (B,) float64, bounds of the distances over the decided parts. open_differences: S - L over undecided
+    parts.
     """
 
     test: ToleranceTest
@@ -32,7 +31,7 @@ class LevelDecision:
         return LevelDecision(test, wanted.copy(), np.zeros(count), np.zeros(count))
 
     def update(self, bases: IndexArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
-        """Record the bounds of some parts of base faces; (parts,) bool, which of them are still undecided."""
+        """Record the bounds of parts of base faces. Returns (parts,) bool, the parts still undecided."""
         self.disprove(bases, lower)
         within = self.test.within(upper)
         np.maximum.at(self.upper, bases[within], upper[within])
@@ -44,9 +43,8 @@ class LevelDecision:
         self.wanted &= ~self.test.exceeds(self.lower)
 
     def bounds(self) -> FloatArray:
-        """(B,): the proved distances of settled faces.
-
-        Parts with rough bounds alone are within the tolerance, and within what some other part reaches.
+        """(B,): the proved distances of settled faces. A part with only a rough bound is within the tolerance, and
+        within a distance that some other part reaches.
         """
         reached = np.maximum(self.upper, self.lower) + self.test.allowance
         return np.minimum(reached, self.test.tolerance)

@@ -28,17 +28,15 @@ from ..surface.refinement import Refinement
 # The largest Quality of a Subdivision Surface modifier.
 MOST_QUALITY = 10
 
-# The share of the tolerance that unmet corners may be off by; where no Quality is enough for that, half of it at most.
+# The share of the tolerance reserved for unmet corners; where no Quality is enough, half of the tolerance at most.
 CORNER_SHARE = 1 / 64
 MOST_CORNER_SHARE = 1 / 2
 
 
 @dataclass(frozen=True)
 class UnmetCorners:
-    """Corners of faces that Use Limit Surface does not show quite on the surface.
-
-    corners: (N,) intp. gaps: (MOST_QUALITY + 1,) float64, the largest distance they are off by at each Quality, in the
-    unit of the positions.
+    """Corners of faces that Use Limit Surface shows slightly off the surface. corners: (N,) intp. gaps: (MOST_QUALITY +
+    1,) float64, their largest distance from the surface at each Quality, in the unit of the positions.
     """
 
     corners: IndexArray
@@ -51,7 +49,7 @@ class UnmetCorners:
         return max(CORNER_SHARE * tolerance, float(self.gaps[MOST_QUALITY]))
 
     def quality(self, tolerance: float) -> int:
-        """The least Quality from which on they are within the margin; more than ``MOST_QUALITY`` where none is."""
+        """The least Quality that brings the corners within the margin; above ``MOST_QUALITY`` if none does."""
         return max((level + 1 for level, gap in enumerate(self.gaps) if gap > self.margin(tolerance)), default=0)
 
 
@@ -79,7 +77,7 @@ def unmet_corners(mesh: PolygonMesh) -> UnmetCorners:
 
 
 def _lone_and_dart(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
-    """(C,) bool twice: which corners are lone ones, and which stand at darts."""
+    """(C,) bool twice: the lone corners, and the corners at darts."""
     is_sharp = np.isinf(mesh.edge_sharpness) & (mesh.edge_face_counts > 0)
     sharp_edges = np.bincount(mesh.edge_vertices[is_sharp].ravel(), minlength=mesh.vertex_count)
     moves = ~np.isinf(mesh.vertex_sharpness)
@@ -89,7 +87,7 @@ def _lone_and_dart(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
 
 
 def _gaps(mesh: PolygonMesh, vertices: IndexArray, is_lone: BoolArray) -> FloatArray:
-    """(N,): how far from the surface OpenSubdiv puts vertices at its last level."""
+    """(N,): the distances from the surface at which OpenSubdiv puts vertices at its last level."""
     wanted = np.zeros(mesh.vertex_count, dtype=bool)
     wanted[vertices] = True
     smooth = mesh.changed(
@@ -101,7 +99,7 @@ def _gaps(mesh: PolygonMesh, vertices: IndexArray, is_lone: BoolArray) -> FloatA
 
 
 def largest_finite_sharpness(mesh: PolygonMesh) -> float:
-    """The sharpness that takes the most levels to run out: of edges that have faces, and of vertices."""
+    """The largest finite sharpness of edges with faces, and of vertices."""
     edges = mesh.edge_sharpness[mesh.edge_face_counts > 0]
     vertices = mesh.vertex_sharpness[mesh.vertex_face_counts > 0]
     finite = (values[np.isfinite(values)] for values in (edges, vertices))
@@ -109,7 +107,7 @@ def largest_finite_sharpness(mesh: PolygonMesh) -> float:
 
 
 def needed_quality(mesh: PolygonMesh, level: int, tolerance: float) -> int:
-    """The least Quality at which the modifier shows level ``level`` as it is meant, 1 or more, with corners that it
-    does not meet within their margin of the tolerance; more than ``MOST_QUALITY`` where none is enough."""
+    """The least Quality, from 1 on, at which the modifier shows a level on the limit surface, with unmet corners within
+    their margin of the tolerance; above ``MOST_QUALITY`` if no Quality is enough."""
     sharpness = int(np.ceil(largest_finite_sharpness(mesh)))
     return max(1, level, sharpness, unmet_corners(mesh).quality(tolerance))

@@ -2,9 +2,9 @@
 """Depth from the norms of control nets: bounds for every level from one norm (``norm_bounds``).
 
 The depth of a face with a regular or an extraordinary patch follows from the bounds of that patch. An irregular face is
-refined with its neighbours; its bound at level k is the largest of its level-k descendants'. A descendant that has a
-patch is bounded by it; the others by their support, from the second level on, when n-gons, triangles and faces with
-several extraordinary corners have become patches.
+refined with its neighbours; its bound at level k is the largest of its level-k descendants'. Patches bound their
+descendants; supports bound all others, from the second level on, when n-gons, triangles and faces with several
+extraordinary corners have become patches.
 """
 
 from __future__ import annotations
@@ -69,8 +69,7 @@ def norm_level_bounds(
 
 
 def bounds_fall(patches: PatchKinds, method: PatchMethod) -> BoolArray:
-    """(F,) bool: the faces that are within a tolerance at every level after one at which they are proved to be.
-
+    """(F,) bool: the faces whose bounds fall with every level, so that a proof at one level holds at all later levels.
     Irregular faces have other bounds at other levels.
     """
     return np.isin(patches.kinds, method.falling)

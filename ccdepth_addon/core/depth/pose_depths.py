@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The depths of faces over several poses of a mesh: positions of its vertices, as on the frames of an animation.
+"""The depths of faces over several poses of a mesh, such as the frames of an animation.
 
-The depth of a face is the first level, from the deepest of its depths in single poses on, at which it is proved to be
-within the tolerance in all of them; its bound is the largest one proved there. The first pose is searched level by
-level. Every other one is then tested at the depths so far only; faces that are not within the tolerance there have the
-next level, at which they are tested again in all poses.
+The depth of a face is the first level, from the deepest of its depths in single poses on, at which the face is proved
+to be within the tolerance in all poses; its bound is the largest bound proved there. The first pose is searched level
+by level. All other poses are then tested only at the depths found so far; a face that fails gets the next level, and is
+tested there in all poses.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..progress import Progress, no_report, part_of
 from .face_depths import bounds_at_depths, face_depths
 from .tolerance import ToleranceTest
 
-# The share of the time that the first pose takes, in units of what every other one takes.
+# The time that the first pose takes, in units of the time of any other pose.
 FIRST_POSE = 2.0
 
 
@@ -32,8 +32,9 @@ FIRST_POSE = 2.0
 class Pose:
     """One pose of a mesh.
 
-    make: gives the mesh in it, anew each time, so that many need not be held at once. All poses of a mesh have the same
-    faces, edges and explicit sharpness (``PolygonMesh.changed``). tolerance: in the unit of the positions.
+    make: returns the mesh in the pose, made anew at each call to save memory. All poses of a mesh have the same faces,
+    edges and explicit sharpness (``PolygonMesh.changed``). tolerance: the largest distance allowed, in the unit of the
+    positions.
     """
 
     make: Callable[[], PolygonMesh]
@@ -44,9 +45,9 @@ class Pose:
 class PoseDepths:
     """The depths of all faces over all poses, (F,) each; distances are in the unit of the positions.
 
-    depths: int32. bounds: float64, the largest distance proved at that depth in any pose. exact: bool, whether every
-    lesser depth is disproved in the first pose. lasting: bool, whether the face is proved to be within the tolerance in
-    all poses at every later level, too.
+    depths: int32. bounds: float64, the largest distance proved at that depth, over all poses. exact: bool, whether
+    every lesser depth is disproved in the first pose. lasting: bool, whether the face is also proved to be within the
+    tolerance in all poses at every later level.
     """
 
     depths: NDArray[np.int32]
@@ -55,16 +56,16 @@ class PoseDepths:
     lasting: BoolArray
 
     def deepen(self, faces: IndexArray, depths: NDArray[np.int32]) -> None:
-        """Give some faces greater depths, of which nothing is proved yet."""
+        """Give some faces greater depths, still without proof."""
         self.depths[faces], self.bounds[faces] = depths, 0.0
         self.exact[faces], self.lasting[faces] = False, True
 
 
 def pose_depths(poses: Sequence[Pose], method: str, vertices: str, progress: Progress = no_report) -> PoseDepths:
-    """The depth of every face over all poses of a mesh, which have been checked (``check_pose``).
+    """The depth of every face over all poses of a mesh.
 
-    method, vertices: as of ``face_depths``. progress: is told the fraction done, which only rises, and may raise to
-    stop.
+    poses: all checked (``check_pose``). method, vertices: as in ``face_depths``. progress: receives the rising fraction
+    done, and may raise to stop.
     """
     share = FIRST_POSE / (FIRST_POSE + len(poses) - 1)
     mesh, tolerance = poses[0].make(), poses[0].tolerance
@@ -83,7 +84,8 @@ def raised_depths(
     floors: NDArray[np.int32],
     progress: Progress = no_report,
 ) -> PoseDepths:
-    """The findings of ``pose_depths`` with the same arguments, for no lesser depths than the floors (F,) int32."""
+    """The depths found by ``pose_depths`` with the same arguments, raised to at least the floors (F,) int32, with
+    bounds."""
     lower = np.flatnonzero(floors > found.depths)
     if not len(lower):
         return found
@@ -102,8 +104,8 @@ def _prove(
     progress: Progress,
     first: int = 0,
 ) -> None:
-    """Prove the depths of open faces (F,) in all poses, and raise those that do not hold. first: the pose to begin
-    with, those before being proved."""
+    """Prove the depths of open faces (F,) in all poses, and raise the depths without a proof. first: the first pose not
+    yet proved."""
     kinds, done = (Method(method), Vertices(vertices)), 0.0
     while np.any(is_open):
         raised = np.zeros(len(is_open), dtype=bool)
@@ -119,8 +121,7 @@ def _prove(
 def _raised(
     pose: Pose, method: Method, vertices: Vertices, found: PoseDepths, faces: IndexArray, tick: Callable[[], None]
 ) -> IndexArray:
-    """The faces, of some, that are not proved at their depths in a pose and are raised; the bounds of the others are
-    recorded."""
+    """The faces without a proof at their depths in a pose, raised by one level; records the bounds of the others."""
     mesh = pose.make()
     test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     parts = [faces[:0]]

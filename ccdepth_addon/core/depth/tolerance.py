@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tolerance test, the one place where bounds are compared with the tolerance, and its results by face."""
+"""The tolerance test, the only comparison of bounds with the tolerance, and its results by face."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 
 @dataclass(frozen=True)
 class ToleranceTest:
-    """A tolerance, and the allowance for what rounding can hide; both in the unit of the positions."""
+    """A tolerance, and the allowance for rounding; both in the unit of the positions."""
 
     tolerance: float
     allowance: float
@@ -79,8 +79,9 @@ class FaceDepths:
 
 @dataclass(frozen=True)
 class LevelBounds:
-    """Some faces of the mesh, at a level each: (P,) each. bounds: the proved distances, inf where none is proved to be
-    within the tolerance. lasting: whether the face is proved to be so at every later level, too, where that is known.
+    """The bounds of P faces of the mesh, each at a level of its own: (P,) each. bounds: the proved distances, inf where
+    none is within the tolerance. lasting: whether the face is known to be within the tolerance at every later level,
+    too.
     """
 
     faces: IndexArray

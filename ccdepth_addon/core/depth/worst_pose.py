@@ -16,15 +16,14 @@ from .face_depths import bounds_at_depths
 from .pose_depths import Pose, PoseDepths
 from .tolerance import ToleranceTest
 
-# Relative; distances that are nearer to each other than this are alike: those of what is turned, in single precision.
+# The relative difference below which distances are alike, as of a mesh that is only turned, in single precision.
 ALIKE = 1e-6
 
 
 @dataclass(frozen=True)
 class WorstPose:
-    """Of the poses with a face of the deepest depth, the one in which such a face is the farthest off.
-
-    pose: its index. depth: that depth. share: the distance proved there, as a part of the tolerance.
+    """The worst pose: among the poses that themselves need the deepest depth, the pose with the largest proved distance
+    of a face at that depth. pose: its index. depth: the deepest depth. share: the distance, in parts of the tolerance.
     """
 
     pose: int
@@ -35,7 +34,7 @@ class WorstPose:
 def worst_pose(
     poses: Sequence[Pose], method: str, vertices: str, found: PoseDepths, progress: Progress = no_report
 ) -> WorstPose:
-    """The worst pose; of several alike the first. Arguments: as of ``pose_depths``; found: its result."""
+    """The worst pose; among equals the first. Arguments: as in ``pose_depths``; found: the result of that function."""
     nowhere = WorstPose(0, int(found.depths.max(initial=0)), 0.0)
     if len(poses) == 1:
         bounds = found.bounds[found.depths == nowhere.depth]
@@ -52,7 +51,7 @@ def worst_pose(
                 worst = WorstPose(place, worst.depth, share)
         if worst.share > 0:
             break
-        # No pose alone needs that level: a face can be farther off at a level than at the one before.
+        # No single pose needs that level: a face can be farther off at a level than at the level before.
     return worst
 
 
@@ -66,8 +65,8 @@ def _share(
     *,
     is_own_depth: bool,
 ) -> float:
-    """The largest distance of a face at the deepest depth in a pose, as a part of the tolerance, 0 where none is
-    farther than the worst so far. is_own_depth: whether only faces count of which that is the depth in this pose."""
+    """The largest distance of a face at the deepest depth in a pose, as a part of the tolerance, 0 where none exceeds
+    the worst so far. is_own_depth: whether only faces with that depth in this pose count."""
     faces = np.flatnonzero((found.depths == worst.depth) & (found.bounds > worst.share * pose.tolerance))
     if not len(faces):
         return 0.0
@@ -75,13 +74,13 @@ def _share(
     test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     shares = np.zeros(mesh.face_count)
     for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, tick):
-        # What is not proved was so where fewer faces were looked at together (``MOST_WITH_BOUNDS``).
+        # A distance without a proof here was proved with fewer faces at once (``MOST_WITH_BOUNDS``).
         shares[block.faces] = np.minimum(block.bounds / pose.tolerance, 1.0)
     farther = np.flatnonzero(shares > worst.share * (1 + ALIKE))
     farther = farther[np.argsort(-shares[farther], kind="stable")]
     if not is_own_depth:
         return float(shares.max())
-    # The farthest one needs that level in this pose, mostly, and no other one is looked at then.
+    # The farthest face mostly needs that level in this pose, and ends the search.
     begin = 0
     while begin < len(farther):
         some = left = farther[begin : 2 * begin + 1]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The distance of a mesh from the limit surface of a control mesh: proved from above, reached from below.
+"""The distance of a mesh from the limit surface of a control mesh: a proved upper bound, and a reached lower bound.
 
-The two-sided Hausdorff distance: the longest way from a point of either to the nearest point of the other. Nothing here
-uses what adaptive subdivision relies on, as this is its check. docs/deviation.md has the proofs.
+The distance is the two-sided Hausdorff distance: the largest distance from a point of either to the nearest point of
+the other. Measuring checks adaptive subdivision, and shares no bound with that. docs/deviation.md has the proofs.
 """
 
 from __future__ import annotations
@@ -22,30 +22,32 @@ from .mesh_to_surface import MeshToSurface
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles
 
-# Of how many pieces and parts there may be: so many for each triangle and each quad to begin with, and these besides.
+# The largest number of pieces and parts: for each triangle and each quad of the first level, and these besides.
 PIECES_OF_EACH, PIECES_BESIDES = 16, 1 << 21
 
-# To begin with a unit has about so many triangles.
+# The number of triangles of a unit, about, at the beginning.
 TRIANGLES_OF_A_UNIT = 8
 
-# A tolerance is told from a distance this much smaller; nothing nearer needs to be known.
+# Distances below this part of the tolerance need not be told apart.
 PART_OF_TOLERANCE = 1e-3
 
-# What rounding can hide of how far a point lies inside a side, as a part of the largest coordinate.
+# The rounding of a point's distance from a side, as a part of the largest coordinate.
 MARGIN = 2.0**-40
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """proved ≥ true two-sided Hausdorff distance ≥ reached, in the positions' unit, rounding covered.
+    """The bounds of a two-sided Hausdorff distance: proved ≥ distance ≥ reached, in the unit of the positions, with
+    rounding covered.
 
-    face_bounds: (F,) float64 per control face and triangle_bounds: (T,) float64 per triangle: proved distances, both
-    ways, of the parts that belong to each. Parts of the surface belong to their control face and to the triangle they
-    were compared with, triangles likewise, so that the largest of either is ``proved``.
-    worst_point, worst_nearest: (3,) float64, the pair that reaches ``reached``: a point of the surface and the nearest
-    one of the mesh where surface_to_mesh, else the other way round. worst_face, worst_triangle: where they lie.
-    accuracy_met: whether proved ≤ (1 + accuracy) · reached, or is enough, or so small that rounding, or the tolerance,
-    hides it. out_of_time: whether the time limit ended it; where something was left to do, max_pieces did otherwise.
+    face_bounds: (F,) float64, per control face, and triangle_bounds: (T,) float64, per triangle: the proved distances
+    of their parts, both ways. A part of the surface counts for its control face and for the triangle it was compared
+    with, a part of a triangle likewise; so the largest of either array is ``proved``.
+    worst_point, worst_nearest: (3,) float64, the two points at the distance ``reached``: with surface_to_mesh a point
+    of the surface and the nearest point of the mesh, otherwise the other way round. worst_face, worst_triangle: the
+    control face and the triangle of the two points. accuracy_met: whether proved ≤ (1 + accuracy) · reached, or proved
+    is at most ``enough``, or too small to count beside rounding or the tolerance. out_of_time: whether the time limit
+    ended the measurement; if neither holds, max_pieces ended the measurement.
     """
 
     proved: float
@@ -78,13 +80,12 @@ def measure_deviation(
     """The deviation of a mesh of triangles from the limit surface of ``control``, both ways.
 
     control: with explicit sharpness (``sharpness.apply_boundary_rule``). positions: (V, 3) float64; triangles:
-    (T, 3) intp. triangle_faces: (T,) intp, the control face each triangle belongs to, where that is known: its
-    distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces
-    (``PIECES_OF_EACH`` unless given), time_limit (seconds): where these are used up the result is what is proved until
-    then. tolerance: distances far below it need not be told apart. enough: what is proved need not be less than this,
-    so that it is soon known whether all is within it. limit: a distance of which it is to be told whether all is
-    within, however near that is. progress: is told the fraction done, every tenth of a second or so, and may raise to
-    stop.
+    (T, 3) intp. triangle_faces: (T,) intp, the control face of each triangle, if known: the triangle's distance then
+    counts for that face. accuracy: the largest relative difference of ``proved`` and ``reached``. max_pieces
+    (``PIECES_OF_EACH`` by default), time_limit (seconds): the measurement ends there with the bounds proved so far.
+    tolerance: distances far below the tolerance need not be told apart. enough: bounds are not refined below this
+    distance. limit: the measurement goes on until it decides whether all is within this distance, however near the
+    result is. progress: receives the fraction done about every tenth of a second, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()
@@ -122,8 +123,8 @@ def rounding_allowance(control: PolygonMesh, size: float) -> float:
     """The largest distance that double-precision rounding can hide, in the unit of the positions. docs/deviation.md,
     Rounding.
 
-    size: the largest coordinate, seen from the middle of both. What positions in the scene are off themselves: three
-    roundings, by ``rounded_size``.
+    size: the largest coordinate, seen from the middle of both. Positions in the scene themselves carry three roundings
+    of ``rounded_size``.
     """
     terms = 2 * max(int(control.vertex_face_counts.max(initial=0)), int(control.face_sizes.max(initial=0))) + 1
     return (128 * (2 * terms + 8) + 2**14) * 2.0**-53 * size + 4 * 2.0**-53 * control.rounded_size
@@ -138,7 +139,7 @@ def _check(positions: FloatArray, triangles: IndexArray) -> None:
 
 
 def _frame(control: PolygonMesh, positions: FloatArray, triangles: IndexArray) -> tuple[FloatArray, float]:
-    """The middle of the box around both, and the largest coordinate seen from there."""
+    """The centre of the box around both meshes, and the largest coordinate seen from the centre."""
     used = np.zeros(len(positions), dtype=bool)
     used[triangles] = True
     points = np.concatenate([control.positions[control.vertex_face_counts > 0], positions[used]])

@@ -33,20 +33,20 @@ TOPOLOGY = (
 
 @dataclass(frozen=True)
 class PolygonMesh:
-    """A control mesh. V vertices, E edges, F faces of any size, C corners.
+    """A control mesh with V vertices, E edges, F faces of any size, and C corners.
 
-    positions: (V, 3) float64, in whatever space the caller measures the tolerance in.
+    positions: (V, 3) float64, in the space where the caller measures the tolerance.
     face_starts: (F + 1,) intp, the first corner of each face; the last entry is C.
-    corner_vertices, corner_edges: (C,) intp, the vertex each corner stands at and the edge it leaves along.
+    corner_vertices, corner_edges: (C,) intp, the vertex of each corner, and the edge from there to the next corner.
     edge_vertices: (E, 2) intp, the two ends of each edge. Edges without faces are allowed and have no effect.
     edge_sharpness: (E,) float64, 0 smooth, positive semi-sharp, ``INFINITELY_SHARP``; see ``sharpness``.
     vertex_sharpness: (V,) float64, likewise.
-    sharpness_is_explicit: whether the two arrays include the sharpness that follows from the topology (boundaries and
-    the like), see ``sharpness.apply_boundary_rule``.
-    rounded_size: where the positions were computed from others, the length that their rounding is a part of; see
+    sharpness_is_explicit: whether both arrays include the sharpness from the topology, such as at boundaries; see
+    ``sharpness.apply_boundary_rule``.
+    rounded_size: for positions computed from others, the length relative to which the others were rounded; see
     ``rounding.rounded_size``.
-    axes: (3, 3) float64, whose columns are the axes of the space in which Blender chooses the diagonals of quads, in
-    coordinates of the positions; None where it is that of the positions.
+    axes: (3, 3) float64, in columns the axes of the space where Blender chooses the diagonals of quads, in coordinates
+    of the positions; None for the space of the positions.
     """
 
     positions: FloatArray
@@ -118,9 +118,8 @@ class PolygonMesh:
 
     @cached_property
     def largest_surroundings(self) -> int:
-        """The largest number of points that a vertex of the next level is made of: the largest sum of face sizes less
-        one, of the faces at a vertex or those beyond the edges of a face; quads stand in for what is not there, and 12
-        is the least."""
+        """The largest number of points averaged into a vertex of the next level: the largest sum of face sizes less
+        one, over the faces at a vertex or beyond the edges of a face. Quads replace missing faces; the least is 12."""
         sizes = self.face_sizes[self.corner_faces] - 1
         beyond = np.where(self.edge_has_twins[self.corner_edges], sizes[self.twin], 3)
         sums = (np.bincount(self.corner_vertices, sizes), np.bincount(self.corner_faces, beyond))
@@ -166,9 +165,8 @@ def polygon_mesh(
 
     positions: (V, 3) floats; face_sizes: (F,) ints; corner_vertices: (sum of sizes,) ints.
     sharp_edges: sharpness by (vertex, vertex), in either order; other edges are smooth.
-    vertex_sharpness: (V,) floats, all smooth when left out.
-    Raises KeyError when a pair in ``sharp_edges`` is not an edge, and IndexError when a corner stands at a vertex that
-    there is not.
+    vertex_sharpness: (V,) floats, all smooth by default.
+    Raises KeyError for a pair in ``sharp_edges`` without an edge, and IndexError for a corner at a missing vertex.
     """
     positions = np.ascontiguousarray(positions, dtype=np.float64)
     outside = np.flatnonzero((np.asarray(corner_vertices) < 0) | (np.asarray(corner_vertices) >= len(positions)))

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Validation: which meshes have no Catmull-Clark surface, and why.
-
-A face without area has one: its limit is bounded by control points, whether they are apart or not.
+"""Validation: the reasons why a mesh has no Catmull-Clark surface. A face without area has one, bounded by its control
+points.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ NO_FACES = np.zeros(0, dtype=np.intp)
 
 
 class InvalidMeshError(ValueError):
-    """The mesh has no Catmull-Clark surface; the message says why in a modeller's words.
+    """The error of a mesh without a Catmull-Clark surface. The message gives the reason in a modeller's words.
 
-    faces: (N,) intp, rising, the faces at fault; none where it is the mesh as a whole.
+    faces: (N,) intp, ascending, the faces at fault; empty where the mesh as a whole is at fault.
     """
 
     def __init__(self, message: str, faces: IndexArray = NO_FACES) -> None:
@@ -50,8 +49,7 @@ def validate(mesh: PolygonMesh) -> None:
 
 
 def has_good_positions(mesh: PolygonMesh) -> bool:
-    """Whether a mesh that was valid with other positions is valid with these: they are finite, and not all at one
-    point."""
+    """Whether a mesh that is valid with other positions has finite positions, not all at one point."""
     return bool(np.isfinite(mesh.positions).all()) and not _is_one_point(mesh)
 
 
@@ -70,7 +68,7 @@ def _is_nowhere(mesh: PolygonMesh) -> BoolArray:
 
 
 def _is_one_point(mesh: PolygonMesh) -> bool:
-    """Whether no vertex with faces is apart from the others. Mostly the first edge tells."""
+    """Whether all vertices with faces are at one point. Mostly the first edge shows that they are not."""
     first = mesh.positions[mesh.corner_vertices[0]]
     if np.any(mesh.positions[mesh.corner_vertices[1:2]] != first):
         return False

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The fewest triangles within a limit of the limit surface, by attempts of any program that merges triangles."""
+"""The strongest reduction that is proved to be within a limit of the limit surface, by an external decimator."""
 
 from .sampled_distances import Places
 from .search import Attempt, Proof, Reduction, TriangleMesh

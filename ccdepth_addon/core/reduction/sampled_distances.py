@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The distance of a mesh from a finer one near the surface, at samples: quick, and proves nothing."""
+"""The distance of a mesh from a finer mesh near the surface, at samples. Samples are quick, and prove nothing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..deviation.columns import NONE
 from ..deviation.surface_to_mesh import nearest_triangles
 from ..deviation.triangles import Triangles
 
-# Of the finer mesh no more vertices than this are samples.
+# The largest number of vertices of the finer mesh taken as samples.
 MOST_SAMPLES = 1 << 18
 
 Tick = Callable[[], None]
@@ -23,8 +23,8 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Places:
-    """The places of vertices on a mesh. triangles: (V,) intp, the nearest one, ``NONE`` where it faces away, as the
-    other side of a thin wall does. weights: (V, 3) float64, of its corners."""
+    """The places of V vertices on a mesh. triangles: (V,) intp, the nearest triangle, or ``NONE`` where that faces
+    away, as across a thin wall. weights: (V, 3) float64, the barycentric weights of the triangle's corners."""
 
     triangles: IndexArray
     weights: FloatArray
@@ -78,7 +78,7 @@ class SampledDistances:
         return Places(triangles, weights)
 
     def _from(self, places: FloatArray, tick: Tick) -> FloatArray:
-        """(P,): how far places (P, 3) are from the fine mesh."""
+        """(P,): the distances of places (P, 3) from the fine mesh."""
         distances = np.empty(len(places))
         for block in chunks(len(places), AT_ONCE):
             distances[block] = nearest_triangles(self._triangles, places[block]).distances
@@ -87,7 +87,7 @@ class SampledDistances:
 
 
 def edges_of(corners: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """(E, 2) intp the edges of triangles (T, 3), and (T, 3) intp which of them each has."""
+    """(E, 2) intp: the edges of triangles (T, 3); and (T, 3) intp: the edges of each triangle."""
     pairs = np.sort(np.stack([corners, corners[:, [1, 2, 0]]], axis=-1).reshape(-1, 2), axis=1)
     count = int(pairs.max()) + 1
     keys, of_pairs = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Search for the strongest reduction of a mesh that is proved to be within a limit of the limit surface.
 
-Somebody else merges triangles, which may move vertices off the surface; this says how many triangles to try for and
-which vertices to leave alone, and judges what came out. docs/adaptive.md, Reduce.
+The search drives an external decimator and accepts only proved results: each attempt gives a number of triangles and
+the vertices to leave alone. docs/adaptive.md, Reduce.
 """
 
 from __future__ import annotations
@@ -18,32 +18,32 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
 from .sampled_distances import Places, SampledDistances, nearest_of
 
-# The part of the triangles that can go that an attempt is to merge, at most and at least.
+# The largest and the least part of the mergeable triangles that an attempt is to merge.
 LARGEST_SHARE, LEAST_SHARE = 0.75, 0.15
 
-# An attempt that merges more than this part of them and fails shows little of where the places are that do not allow
-# it: the next one merges a part of that share.
+# A failed attempt that merged more than this part shows little of where merging must stop: the next attempt merges this
+# part of its share.
 LARGE_SHARE, NEXT_SHARE = 0.3, 0.7
 
-# After so many attempts that failed although vertices were fixed for them, each one merges a part of that share too.
+# After this many failed attempts with fixed vertices, each attempt merges a part of that share, too.
 MOST_REFUSALS = 2
 
-# The search ends where all the triangles to merge are a smaller part of the mesh.
+# The search ends when the mergeable triangles are a smaller part of the mesh.
 LEAST_GAIN = 0.03
 
-# Where samples are within this part of the limit, there is no proof until one is needed.
+# Where samples are within this part of the limit, the proof is postponed until it is needed.
 SURELY_WITHIN = 0.6
 
-# Of triangles that are not proved to be within the limit, those with samples beyond this part of it are to blame.
+# Of triangles without a proof, those with samples beyond this part of the limit are to blame.
 NEARLY_BEYOND = 0.9
 
-# How near what is proved has to be to what is reached where that is beyond the limit.
+# The relative accuracy of a measured deviation beyond the limit.
 ACCURACY_BEYOND = 0.05
 
 
 @dataclass(frozen=True)
 class TriangleMesh:
-    """positions: (V, 3) float64; corners: (T, 3) intp."""
+    """A mesh of triangles. positions: (V, 3) float64; corners: (T, 3) intp, the vertices of each triangle."""
 
     positions: FloatArray
     corners: IndexArray
@@ -51,8 +51,8 @@ class TriangleMesh:
 
 @dataclass(frozen=True)
 class Attempt:
-    """The next reduction of the current mesh. triangles: the number to leave. is_fixed: (V,) bool, vertices that must
-    stay where they are, with all edges between them."""
+    """The next reduction to try on the current mesh. triangles: the number to leave. is_fixed: (V,) bool, vertices that
+    must stay in place, with all edges between two of them."""
 
     triangles: int
     is_fixed: BoolArray
@@ -60,8 +60,8 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Proof:
-    """A reduced mesh that is within the limit. bounds: (T,) float64, the proved distance of each triangle both ways.
-    reached: a distance that is really there."""
+    """A reduced mesh that is proved to be within the limit. bounds: (T,) float64, the proved distance of each triangle,
+    both ways. reached: a distance that a point reaches."""
 
     mesh: TriangleMesh
     bounds: FloatArray
@@ -69,11 +69,11 @@ class Proof:
 
 
 class Reduction:
-    """The search, an attempt after the other: ``attempt`` says what to try, ``judge`` whether that takes the place of
-    ``current``, until ``attempt`` knows no more; then ``prove``.
+    """The search, attempt by attempt. ``attempt`` gives the next reduction to try; ``judge`` decides whether the result
+    replaces ``current``. Once ``attempt`` returns None, ``prove`` gives the result.
 
-    control: with explicit sharpness. start: a fine mesh that is within a small part of the limit of its limit surface.
-    limit: in the unit of the positions.
+    control: the control mesh, with explicit sharpness. start: a fine mesh, within a small part of the limit from the
+    limit surface. limit: the largest distance allowed, in the unit of the positions.
     """
 
     def __init__(self, control: PolygonMesh, start: TriangleMesh, limit: float, progress: Progress) -> None:
@@ -86,35 +86,34 @@ class Reduction:
 
     @property
     def is_proved(self) -> bool:
-        """Whether the current mesh is the one of the proof."""
+        """Whether the current mesh has a proof."""
         return self.proof is not None and self.proof.mesh is self.current
 
     def begin_with(self, mesh: TriangleMesh, is_fixed: BoolArray) -> None:
-        """Let another mesh be the current one. is_fixed: (V,), its vertices that stay in every attempt."""
+        """Make another mesh the current mesh. is_fixed: (V,) bool, its vertices to keep in place in every attempt."""
         self.current, self._is_fixed = mesh, is_fixed
 
     def beyond(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
-        """(V,): the vertices of the current mesh around which samples of another are hardly within the limit, or two
-        triangles of it have the same vertices."""
+        """(V,) bool: the vertices of the current mesh near triangles of another mesh at fault: those with samples
+        hardly within the limit, and those with the same vertices as another triangle."""
         triangles = self._triangles(mesh, progress)
         distances = self._distances(mesh, triangles, progress)
         bad = (distances > NEARLY_BEYOND * self._limit) | has_double(mesh.corners)
         return self._around(triangles, bad, mesh, progress)
 
     def attempt(self) -> Attempt | None:
-        """The next attempt; None when too little is left to gain."""
+        """The next attempt, or None when too little is left to gain."""
         can_go = ~self._is_fixed[self.current.corners].any(axis=1)
         count = len(self.current.corners)
         fewer = int(self._share * np.count_nonzero(can_go))
         return Attempt(count - fewer, self._is_fixed) if fewer > LEAST_GAIN * count else None
 
     def judge(self, mesh: TriangleMesh, progress: Progress) -> bool:
-        """Whether the result of the attempt is taken; it is the current mesh then.
-
-        progress: is told the fraction done, and may raise to stop.
+        """Whether the result of the attempt becomes the current mesh. progress: receives the fraction done, and may
+        raise to stop.
         """
         if len(mesh.corners) > (1 - LEAST_GAIN / 2) * len(self.current.corners):
-            # It could not be done: all that is left must not be merged.
+            # The decimator could not go that far: no remaining triangle can be merged.
             self._share = 0.0
             return False
         triangles = self._triangles(mesh, progress)
@@ -138,7 +137,7 @@ class Reduction:
         return True
 
     def prove(self, progress: Progress) -> Proof | None:
-        """The last mesh taken, with its proof; or the last one before that is proved; None where nothing is."""
+        """The last accepted mesh with a proof, or None if no accepted mesh is proved."""
         if not self.is_proved:
             found = self._measured(self.current, progress)
             if found.proved <= self._limit:
@@ -166,8 +165,7 @@ class Reduction:
         )
 
     def _to_blame(self, found: Deviation, distances: FloatArray) -> BoolArray:
-        """(T,): triangles that are not proved to be within the limit, and of these, if there are any, only those whose
-        samples are nearly beyond it."""
+        """(T,) bool: triangles without a proof; if samples of some are nearly beyond the limit, only those."""
         unproved = found.triangle_bounds > self._limit
         nearly = unproved & (distances > NEARLY_BEYOND * self._limit)
         return nearly if nearly.any() else unproved
@@ -191,7 +189,8 @@ class Reduction:
         self._is_fixed = self._is_fixed | near
 
     def _around(self, triangles: Triangles, bad: BoolArray, mesh: TriangleMesh, progress: Progress) -> BoolArray:
-        """(V,): the vertices of the current mesh that are nearest to bad triangles of another, or to those beside."""
+        """(V,) bool: the vertices of the current mesh nearest to bad triangles of another mesh, or to triangles beside
+        those."""
         near = np.zeros(len(self.current.positions), dtype=bool)
         if not bad.any():
             return near
@@ -221,6 +220,6 @@ def has_double(corners: IndexArray) -> BoolArray:
 
 
 def is_among(positions: FloatArray, others: FloatArray) -> BoolArray:
-    """(V,): which positions (V, 3) are exactly among others (N, 3)."""
+    """(V,) bool: whether each of the positions (V, 3) is exactly among others (N, 3)."""
     rows, known = (np.ascontiguousarray(each + 0.0).view("V24").ravel() for each in (positions, others))
     return np.isin(rows, known)

@@ -48,8 +48,8 @@ def limit_values(mesh: PolygonMesh, values: FloatArray, points: SurfacePoints) -
     """(N, D) float64: the limit of values (V, D) of the control vertices at points of the limit surface.
 
     mesh: with explicit sharpness (``sharpness.apply_boundary_rule``); its rules act on the values in place of its
-    positions. Exact up to rounding: some units in the last place of the largest value for each level of descent.
-    Parameters should be dyadic fractions; where a face is not regular others are rounded to one.
+    positions. The result is exact up to some units in the last place of the largest value for each level of descent.
+    Parameters should be dyadic fractions; on irregular faces others are rounded to dyadic fractions.
     """
     surface = mesh.changed(positions=np.ascontiguousarray(values, dtype=np.float64))
     return evaluate(surface, points, _Values(), surface.positions.shape[1])

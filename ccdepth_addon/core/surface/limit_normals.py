@@ -26,11 +26,11 @@ def limit_normals(mesh: PolygonMesh, points: SurfacePoints) -> FloatArray:
     """(N, 3) float64: unit normals of the limit surface of a mesh with explicit sharpness, oriented as its faces are.
 
     Exact up to rounding on spline patches, at smooth vertices of any valence above 2, and at the corner of a single
-    face between sharp edges. At a crease the normal is that of the point's own face's side. In other sectors at sharp
-    edges without a spline patch, it is the normal of the face's two spokes after ``RING_STEPS`` steps: the error
-    shrinks by a factor each step, except for two faces between sharp edges at a fixed vertex, where it is about one
-    part in ``RING_STEPS`` of the sector's bend. At fixed vertices a sector of several faces has no tangent plane, and
-    each face has its own normal.
+    face between sharp edges. At a crease the normal belongs to the side of the point's own face. In other sectors at
+    sharp edges without a spline patch, the normal is taken from the face's two spokes after ``RING_STEPS`` steps: the
+    error shrinks by a factor each step, except for two faces between sharp edges at a fixed vertex, with an error of
+    about one part in ``RING_STEPS`` of the sector's bend. At fixed vertices a sector of several faces has no tangent
+    plane, and each face has its own normal.
     Rounding: a point at parameters of size h from an irregular vertex lies on a patch of that size, whose shape is
     exact to some units in the last place of the positions.
     Where the surface has no normal (tangents parallel or zero), the face's normal is used; for a face without area, the

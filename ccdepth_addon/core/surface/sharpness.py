@@ -33,10 +33,10 @@ class VertexRule(IntEnum):
 
 
 def crease_to_sharpness(crease: NDArray[np.floating]) -> FloatArray:
-    """Blender's crease, 0 to 1, of edges or vertices as a sharpness: 10 crease², infinite for a crease of 1.
+    """The sharpness of edges or vertices with Blender's crease from 0 to 1: 10 crease², infinite for a crease of 1.
 
-    Computed in single precision, as Blender does: a sharpness just above a whole number ends a level later than one at
-    it, which matters where several features meet. NaN stays NaN.
+    The sharpness is computed in single precision, as in Blender, because a sharpness just above a whole number ends a
+    level later than the whole number itself. NaN stays NaN.
     """
     single = np.asarray(crease, dtype=np.float32)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -44,9 +44,9 @@ def crease_to_sharpness(crease: NDArray[np.floating]) -> FloatArray:
 
 
 def apply_boundary_rule(mesh: PolygonMesh, *, smooth_corners: bool) -> PolygonMesh:
-    """The mesh with the sharpness made explicit that follows from its topology, as in Blender's modifier.
+    """The mesh with explicit sharpness: sharpness from the topology included, as in Blender's modifier.
 
-    - Edges with one face, with more than two, or with two that run the same way along it, are infinitely sharp.
+    - An edge is infinitely sharp with one face, with more than two, or with two that run the same way along the edge.
     - A vertex is infinitely sharp when it touches an edge without faces; when its faces are not one fan or one ring
       (edges of the kind above included), unless it lies inside a non-manifold crease: two such edges, no boundary, and
       more faces than edges; and, without ``smooth_corners``, when it has one face only.
@@ -54,7 +54,7 @@ def apply_boundary_rule(mesh: PolygonMesh, *, smooth_corners: bool) -> PolygonMe
     - A sharpness of 10 or more is infinite. Vertices without faces stay where they are.
 
     smooth_corners: the modifier's Boundary Smooth, True for All, False for Keep Corners.
-    A mesh whose sharpness is already explicit (this function's result, refined meshes, submeshes) is returned as it is.
+    A mesh with sharpness already explicit (a result of this function, a refined mesh, a submesh) is returned unchanged.
     """
     if mesh.sharpness_is_explicit:
         return mesh

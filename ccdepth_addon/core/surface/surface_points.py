@@ -3,7 +3,7 @@
 
 Every corner of the control mesh has a *quarter* of its face: the quad over the corner's vertex, the middle of the edge
 that leaves it, the face's centroid, and the middle of the edge before it, with parameters (0, 0), (1, 0), (1, 1) and
-(0, 1). It is the face's child at that corner after one Catmull-Clark step, for faces of any size.
+(0, 1). The quarter is the face's child at that corner after one Catmull-Clark step, for faces of any size.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from ..mesh.polygon_mesh import PolygonMesh
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """N points. corners: (N,) intp, corners of the control mesh; parameters: (N, 2) float64, in their quarters."""
+    """N points of the limit surface. corners: (N,) intp, corners of the control mesh; parameters: (N, 2) float64,
+    within the quarters of the corners."""
 
     corners: IndexArray
     parameters: FloatArray
