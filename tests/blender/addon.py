@@ -41,20 +41,19 @@ def select(*objects: bpy.types.Object) -> None:
 
 def compute(*objects: bpy.types.Object, **settings: object) -> None:
     """Select the objects and compute their depths; a tolerance is absolute unless it says otherwise."""
-    select(*objects)
-    if "tolerance" in settings:
-        settings.setdefault("tolerance_mode", "ABSOLUTE")
-    assert bpy.ops.ccdepth.compute(**settings) == {"FINISHED"}
+    _finish("compute", objects, settings)
 
 
 def measure(*objects: bpy.types.Object, **settings: object) -> None:
     """Select the objects and measure their deviation, for half a second unless ``time_limit`` is given; the last one
     becomes the active one. A tolerance is absolute unless it says otherwise."""
+    _finish("measure", objects, {"time_limit": 0.5, **settings})
+
+
+def _finish(operator: str, objects: Iterable[bpy.types.Object], settings: dict[str, object]) -> None:
     select(*objects)
-    settings.setdefault("time_limit", 0.5)
-    if "tolerance" in settings:
-        settings.setdefault("tolerance_mode", "ABSOLUTE")
-    assert bpy.ops.ccdepth.measure(**settings) == {"FINISHED"}
+    mode = {"tolerance_mode": "ABSOLUTE"} if "tolerance" in settings else {}
+    assert getattr(bpy.ops.ccdepth, operator)(**mode | settings) == {"FINISHED"}
 
 
 @contextmanager

@@ -141,8 +141,7 @@ def add_keys(holder: bpy.types.Object, rng: np.random.Generator) -> None:
     for name in ("Basis", "Wide", "Tall"):
         key = holder.shape_key_add(name=name, from_mix=False)
         if name != "Basis":
-            points = np.zeros(3 * len(key.points), dtype=np.float32)
-            key.points.foreach_get("co", points)
+            points = read(holder.data, "position").ravel()
             key.points.foreach_set("co", points + rng.uniform(-0.5, 0.5, len(points)).astype(np.float32))
     keys = holder.data.shape_keys.key_blocks
     keys["Wide"].value, keys["Wide"].slider_max = 0.75, 2.0

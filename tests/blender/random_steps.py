@@ -406,12 +406,9 @@ def mark_elements(rng: Random) -> None:
 
 
 # Blender itself crashes when it evaluates Bevel on a mesh with attributes of some types on its edges, with no operator
-# of ours; fluids run scripts of their own, which print tracebacks, and caches want files.
-LEFT_OUT_MODIFIERS = {"BEVEL", "FLUID", "MESH_SEQUENCE_CACHE"}
-
-# Chosen and not added, so that the other choices of a seed stay: on some meshes that are not valid Blender itself
-# writes their normals beyond its arrays.
-NOT_ADDED = {"WEIGHTED_NORMAL", "NORMAL_EDIT"}
+# of ours; fluids run scripts of their own, which print tracebacks, and caches want files. On some meshes that are not
+# valid Blender itself writes normals beyond its arrays.
+LEFT_OUT_MODIFIERS = {"BEVEL", "FLUID", "MESH_SEQUENCE_CACHE", "WEIGHTED_NORMAL", "NORMAL_EDIT"}
 
 
 def add_modifiers(rng: Random) -> None:
@@ -420,8 +417,6 @@ def add_modifiers(rng: Random) -> None:
     types = [name for name in types if not name.startswith("GREASE") and name not in LEFT_OUT_MODIFIERS]
     for _ in range(int(rng.integers(1, 4))):
         holder, kind = one(rng, editable_objects()), one(rng, types)
-        if kind in NOT_ADDED:
-            continue
         with suppress(*REFUSALS):
             modifier = holder.modifiers.new(kind.title(), kind)
             if modifier is not None and chance(rng, 0.6):

@@ -29,12 +29,16 @@ def faces(holder: bpy.types.Object) -> int:
     return len(holder.data.polygons)
 
 
-def refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
-    """The operator reports an error, and nothing is changed."""
-    addon.select(*objects)
-    settings = {"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE", **settings}
+def refuses(operator: str, match: str, **settings: object) -> None:
+    """The operator reports an error about what is selected, and nothing is changed."""
     with snapshot.unchanged(), pytest.raises(RuntimeError, match=match):
-        bpy.ops.ccdepth.subdivide(**settings)
+        getattr(bpy.ops.ccdepth, operator)(**settings)
+
+
+def refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
+    """So does Apply Adaptive Subdivision about these objects."""
+    addon.select(*objects)
+    refuses("subdivide", match, **{"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE", **settings})
 
 
 def shape(holder: bpy.types.Object) -> np.ndarray:

@@ -9,7 +9,6 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice, product
-from types import ModuleType
 
 import bpy
 import numpy as np
@@ -165,9 +164,7 @@ def test_edit_mode_is_left_and_entered_again(output: str) -> None:
         ("count_faces", "operators.count_faces", "count_text"),
     ],
 )
-def test_edit_mode_stays_whatever_goes_wrong(
-    operator: str, module: str, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_edit_mode_stays_whatever_fails(operator: str, module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def failing(*_: object, **__: object) -> None:
         raise LookupError("odd")
 
@@ -257,9 +254,7 @@ def test_shape_keys_are_applied_with_modifiers_and_that_is_said(capfd: pytest.Ca
 # All results are placed, or none
 
 
-def placing() -> ModuleType:
-    return addon.module("operators.place_results")
-
+placing = addon.module("operators.place_results")
 
 SETTINGS = addon.module("tasks.adaptive_task").AdaptiveSettings(
     TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 5_000_000
@@ -274,7 +269,7 @@ def reading(objects: list[bpy.types.Object]) -> Generator[object, None, object]:
 def writing(objects: list[bpy.types.Object]) -> Generator[object, None, object]:
     """The steps of making meshes, once they are computed; they return the results before they are placed."""
     answers = addon.module("tasks.adaptive_meshes").subdivide(result_of(reading(objects)), SETTINGS)
-    return placing().make_meshes(bpy.context, answers, SETTINGS, exact_normals=False)
+    return placing.make_meshes(bpy.context, answers, SETTINGS, exact_normals=False)
 
 
 def reducing(objects: list[bpy.types.Object]) -> Generator[object, None, object]:
@@ -308,7 +303,7 @@ def test_objects_that_cannot_be_placed_beside_leave_all_as_they_were(failing: in
         collection = scene.add_collection("Left out", left, alone=True)
         bpy.context.view_layer.layer_collection.children["Left out"].exclude = True
         with pytest.raises(addon.module("tasks.surfaces").ComputeError, match="nothing was written"):
-            placing().place_meshes(bpy.context, made, SETTINGS, in_place=False)
+            placing.place_meshes(bpy.context, made, SETTINGS, in_place=False)
         bpy.context.scene.collection.objects.link(left)
         bpy.data.collections.remove(collection)
         bpy.context.view_layer.update()
@@ -322,7 +317,7 @@ def test_objects_whose_mesh_cannot_be_replaced_leave_all_as_they_were() -> None:
     with snapshot.unchanged(lambda path: path[2:3] == ("attribute",) and path[3].startswith(".")):
         made = result_of(writing(objects))
         with addon.edit_mode(objects[2]), pytest.raises(error, match="nothing was written"):
-            placing().place_meshes(bpy.context, made, SETTINGS, in_place=True)
+            placing.place_meshes(bpy.context, made, SETTINGS, in_place=True)
         addon.select(*objects[:2])
 
 

@@ -17,8 +17,7 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.full_mesh import DOMAINS, VALUES, counts, known_types, random_values, read
-from tests.blender.subdividing import refused, subdivide
-from tests.blender.updating import refuses
+from tests.blender.subdividing import refused, refuses, subdivide
 from tests.thorough import each
 
 pytestmark = pytest.mark.every_blender
@@ -125,16 +124,6 @@ def is_kept_to_itself(name: str, data_type: str, domain: str) -> bool:
     kinds = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}
     flag, _, element = name.rpartition("_")
     return flag in {".select", ".hide"} and (data_type, kinds[element]) == ("BOOLEAN", domain)
-
-
-def test_flags_that_are_none_stay_beside_those_that_are() -> None:
-    holder = uneven()
-    numbers = add(holder, ".hide_vert", "FLOAT", "CORNER")
-    holder.data.attributes.new(".hide_poly", "BOOLEAN", "FACE").data[0].value = True
-    [result] = subdivide(holder, tolerance=TOLERANCE)
-    assert kind(result, ".hide_vert") == ("FLOAT", "CORNER")
-    assert np.ptp(read(result.data, ".hide_vert")) > 0.5 * np.ptp(numbers)
-    assert any(polygon.hide for polygon in result.data.polygons)
 
 
 # Creases.

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command line, called as Blender calls it."""
+"""The command line, called as Blender calls it; and the examples and what README shows, run as people run them."""
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import bpy
@@ -13,21 +16,11 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.runs import Capture, depths_in, few_samples, program, run, said, save
+from tests.blender.runs import CHECKOUT, Capture, depths_in, few_samples, mesh_objects, program, run, said, save
 
 SUZANNE_FACES = 500
 
 FORMATS = (".blend", ".obj", ".ply", ".stl")
-
-
-def write_mesh_file(path: Path) -> None:
-    """Suzanne alone, in a file of the path's format."""
-    scene.clear()
-    addon.select(scene.add_suzanne())
-    if path.suffix == ".blend":
-        save(path)
-    else:
-        getattr(bpy.ops.wm, f"{path.suffix[1:]}_export")(filepath=str(path))
 
 
 def test_without_a_mesh_it_measures_suzanne_as_the_operator_does(tmp_path: Path, capfd: Capture) -> None:
@@ -47,6 +40,8 @@ def test_without_a_mesh_it_measures_suzanne_as_the_operator_does(tmp_path: Path,
         suzanne = scene.add_suzanne()
         addon.compute(suzanne, **settings)
         assert written == addon.depths(suzanne).tolist()
+    # Blender keeps as many earlier versions as the preferences say: one.
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["suzanne.blend", "suzanne.blend1"]
 
 
 def test_a_level_that_is_not_known_is_no_level() -> None:
@@ -62,7 +57,11 @@ def test_a_level_that_is_not_known_is_no_level() -> None:
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_every_format_can_be_read_and_stays_as_it_is(tmp_path: Path, suffix: str) -> None:
     mesh = tmp_path / f"mesh{suffix}"
-    write_mesh_file(mesh)
+    addon.select(scene.add_suzanne())
+    if suffix == ".blend":
+        save(mesh)
+    else:
+        getattr(bpy.ops.wm, f"{suffix[1:]}_export")(filepath=str(mesh))
     before = mesh.read_bytes()
     assert run(mesh, "--method", "certified", "--output", tmp_path / "out.blend") == 0
     [depths] = depths_in(tmp_path / "out.blend").values()
@@ -120,16 +119,13 @@ def test_a_file_that_holds_no_mesh_is_refused(tmp_path: Path, capfd: Capture) ->
 WRONG_LINES = """
 --tolerance fine | is not a tolerance
 --tolerance 0 | “0” is not
---tolerance -1 | “-1” is not
 --tolerance=-1mm | “-1mm” is not
---tolerance 0% | “0%” is not
 --tolerance nan | a finite number greater than zero
 --subdivide --tolerance inf | a finite number greater than zero
 --method guess | invalid choice
 --unknown | unrecognized arguments
 --max-faces 99999999999999 | is not between 1 and
 --max-faces 0 | is not between 1 and
---max-faces -5 | is not between 1 and
 --max-faces many | invalid
 --tolerance 1_cubit | is not a tolerance
 --tolerance 0.1mm --relative | a tolerance of 0.1mm is not relative
@@ -149,7 +145,6 @@ one.obj --file-timeout 0 | is not a number of seconds greater than zero
 --frames 1- | are no frames
 --frames 9-1 | the first comes before the last
 --frames 1-9 --subdivide | --frames is for depths and --levels
---frames 1-9 --measure | --frames is for depths and --levels
 --levels --subdivide | cannot be used together
 --subdivide --output mesh.xyz | its name must end in
 --output mesh.stl | .stl files hold meshes that are made
@@ -168,7 +163,6 @@ mesh.obj --json mesh.obj --overwrite | is read, and would be replaced
 mesh.png --picture mesh.png --overwrite | is read, and would be replaced
 mesh.obj --verify report.json | --verify takes a report and nothing else
 --verify report.json --tolerance 1mm | --verify takes a report and nothing else
---verify report.json --levels | --verify takes a report and nothing else
 --verify report.json --overwrite | --verify takes a report and nothing else
 mesh.obj --json ./nowhere/../mesh.obj --overwrite | is read, and would be replaced
 --json same --csv ./nowhere/../same --overwrite | several files would be written to
@@ -176,7 +170,6 @@ mesh.obj --json ./nowhere/../mesh.obj --overwrite | is read, and would be replac
 --objects Cube mesh.blend | put the files before it
 part.blend --gather . --json - | takes a folder of reports and nothing else
 --gather . --json - --tolerance 1mm | takes a folder of reports and nothing else
---gather . --json - --jobs 2 | takes a folder of reports and nothing else
 --gather . | --gather writes a report
 --gather . --html - --pictures | --pictures is for --json
 --html - --pictures | --pictures is for --json
@@ -216,9 +209,7 @@ def test_help_is_no_failure(capfd: Capture) -> None:
 
 @pytest.mark.every_blender
 @pytest.mark.parametrize("in_place", [False, True])
-def test_it_subdivides_adaptively(
-    tmp_path: Path, capfd: Capture, in_place: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_subdivides(tmp_path: Path, capfd: Capture, in_place: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """The picture shows the distances."""
     few_samples(monkeypatch)
     path = tmp_path / "picture.png"
@@ -270,9 +261,132 @@ def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: Capture) -> No
     assert run(mesh, "--output", tmp_path / "nowhere\x1b" / "out.blend") == 1
     printed = capfd.readouterr()
     # Blender itself prints which files it reads and writes.
-    lines = [
-        line for line in (printed.out + printed.err).splitlines() if not re.search("Read blend: |Info: Saved", line)
-    ]
+    both = (printed.out + printed.err).splitlines()
+    lines = [line for line in both if not re.search("Read blend: |Info: Saved", line)]
     assert not [line for line in lines if any(mark in line for mark in "\x1b\x07\x9b\u202e")]
     for escaped in ("Red\\x1b[31m\\u202e", "Bell\\x07\\x9b2J", "Cloth\\x1b]0;title\\x07"):
         assert escaped in "\n".join(lines)
+
+
+# The examples
+
+
+# What stands in for Blender's own program where there is none.
+STAND_IN = """
+import os, runpy, sys, traceback
+sys.path.insert(0, {checkout!r})
+import bpy, ccdepth_addon
+ccdepth_addon.register()
+if {file!r}:
+    bpy.ops.wm.open_mainfile(filepath={file!r})
+sys.argv = ["blender", "--", *{arguments!r}]
+try:
+    runpy.run_path({script!r})
+    sys.stdout.flush()
+except BaseException:
+    traceback.print_exc()
+    os._exit(1)
+os._exit(0)
+"""
+
+
+def example_command(name: str, file: Path | None, *arguments: object) -> list[str]:
+    """What runs an example with a file open."""
+    script, given = str(CHECKOUT / "examples" / name), [str(argument) for argument in arguments]
+    opened = [] if file is None else [str(file)]
+    if bpy.app.binary_path:
+        return [bpy.app.binary_path, "-b", *opened, "--python-exit-code", "1", "--python", script, "--", *given]
+    text = STAND_IN.format(checkout=str(CHECKOUT), file="".join(opened), arguments=given, script=script)
+    return [sys.executable, "-c", text]
+
+
+def printed_by(name: str, file: Path | None, *arguments: object) -> str:
+    """What the example prints."""
+    ended = subprocess.run(example_command(name, file, *arguments), timeout=120, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+@pytest.fixture
+def cube_file(tmp_path: Path) -> Path:
+    """A cube of 2 m, with Blender's settings of a new file."""
+    bpy.context.scene.ccdepth.property_unset("method")
+    scene.add_object(meshes.cube(), "Cube")
+    return save(tmp_path / "cube.blend")
+
+
+def test_set_levels(cube_file: Path, tmp_path: Path) -> None:
+    printed_by("set_levels.py", cube_file, 0.05, tmp_path / "out.blend")
+    [modifier] = mesh_objects(tmp_path / "out.blend")["Cube"].modifiers
+    assert modifier.levels == modifier.render_levels > 0
+    assert modifier.use_limit_surface
+
+
+def test_batch_depth(cube_file: Path) -> None:
+    row = printed_by("batch_depth.py", cube_file, 0.05).splitlines()[-1].split("\t")
+    cube = mesh_objects(cube_file)["Cube"]
+    addon.compute(cube, tolerance=0.05)
+    record = cube.data.ccdepth
+    assert record.method == "DISTANCE"
+    assert row == [str(cube_file), "Cube", "6", str(record.uniform_level), record.uniform_faces]
+
+
+def test_print_stl(cube_file: Path, tmp_path: Path) -> None:
+    printed = printed_by("print_stl.py", cube_file, 50, tmp_path / "out.stl")
+    bpy.ops.wm.stl_import(filepath=str(tmp_path / "out.stl"))
+    [cube] = bpy.context.selected_objects
+    assert f"{len(cube.data.polygons)} triangles, proved to be within" in printed
+    # The middles of a cube's limit surface are a third inwards, and it touches its box there.
+    sides = np.array(cube.dimensions)
+    np.testing.assert_allclose(sides, sides.mean(), rtol=0.05)
+    assert 1000.0 < sides.max() < 2000.0
+
+
+def test_lod_chain(cube_file: Path, tmp_path: Path) -> None:
+    printed_by("lod_chain.py", cube_file, 0.002, tmp_path / "out.glb")
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "out.glb"))
+    faces = [len(bpy.data.objects[f"Cube_LOD{level}"].data.polygons) for level in range(3)]
+    assert faces[0] > 2 * faces[1] > 4 * faces[2]
+    assert not [each.name for mesh in bpy.data.meshes for each in mesh.color_attributes]
+
+
+def test_folder_report(cube_file: Path) -> None:
+    (cube_file.parent / "bad.blend").write_text("this is no file of Blender's")
+    printed = printed_by("folder_report.py", None, cube_file.parent)
+    rows = list(csv.reader(io.StringIO(printed[printed.index("file,object") :])))[1:]
+    by_file = {row[0]: row for row in rows if row and row[0].endswith(".blend")}
+    # The limit surface passes √3/2 m inside of the corners.
+    _, name, most, least, error = by_file["cube.blend"]
+    assert (name, error) == ("Cube", "")
+    assert float(least) <= 0.75**0.5 <= float(most)
+    cube = mesh_objects(cube_file)["Cube"]
+    addon.measure(cube, time_limit=10)
+    # Rounded to the nearest, the one would be too little or the other too much.
+    assert (float(most), float(least)) == (cube.data.ccdepth.deviation, cube.data.ccdepth.deviation_reached)
+    assert float(most) < 0.95
+    assert by_file["bad.blend"][4]
+
+
+# README
+
+
+README = Path(__file__).resolve().parent.parent.parent / "README.md"
+
+# A part of her size, as README says.
+TOLERANCE = 1e-3
+
+
+def test_numbers_of_faces_are_what_is_made() -> None:
+    """With subdivision levels, with CC Depth, in the picture of both, and by the quicker method, in README's order."""
+    text = re.sub(r"\s+", " ", README.read_text(encoding="utf-8"))
+    found = re.findall(r"([\d,]+)(?: faces| with CC Depth)", text)
+    suzanne = scene.add_suzanne()
+    uniform = []
+    for method in ("DISTANCE", "CERTIFIED"):
+        addon.compute(suzanne, tolerance=TOLERANCE, tolerance_mode="RELATIVE", vertices="LIMIT", method=method)
+        # Of a triangle three quads are made first, of a quad four, and of each of these four at every later level.
+        uniform.append(len(suzanne.data.loops) * 4 ** (suzanne.data.ccdepth.uniform_level - 1))
+    bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE, tolerance_mode="RELATIVE", output="IN_PLACE")
+    made = len(bpy.context.object.data.polygons)
+    assert [int(number.replace(",", "")) for number in found] == [uniform[0], made, uniform[0], made, uniform[1]]

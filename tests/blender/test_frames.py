@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import bpy
@@ -258,6 +257,17 @@ def test_a_result_over_frames_stays_current_on_every_frame() -> None:
         bpy.context.scene.frame_set(frame)
         assert told_by_the_panel(holder) == ""
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+    # Other frames are other settings.
+    settings = bpy.context.scene.ccdepth
+    settings.frame_list = "1-13"
+    assert told_by_the_panel(holder) == SETTINGS_LINE
+    settings.frames = "CURRENT"
+    assert told_by_the_panel(holder) == SETTINGS_LINE
+    bpy.context.scene.frame_set(FIRST)
+    addon.compute(holder)
+    assert (told_by_the_panel(holder), holder.data.ccdepth.frames) == ("", "")
+    bpy.context.scene.frame_set(5)
+    assert told_by_the_panel(holder) == mesh_line(holder)
 
 
 CHANGES: dict[str, Callable[[bpy.types.Object], None]] = {
@@ -282,33 +292,6 @@ def test_changes_make_it_out_of_date(change: str, frame: int) -> None:
     assert told_by_the_panel(holder) == mesh_line(holder)
 
 
-def test_other_frames_are_other_settings() -> None:
-    holder = with_a_shape_key()
-    set_frames(FRAMES)
-    addon.compute(holder)
-    settings = bpy.context.scene.ccdepth
-    assert told_by_the_panel(holder) == ""
-    settings.frame_list = "1-13"
-    assert told_by_the_panel(holder) == SETTINGS_LINE
-    settings.frames = "CURRENT"
-    assert told_by_the_panel(holder) == SETTINGS_LINE
-    addon.compute(holder)
-    assert told_by_the_panel(holder) == ""
-    assert holder.data.ccdepth.frames == ""
-    bpy.context.scene.frame_set(5)
-    assert told_by_the_panel(holder) == mesh_line(holder)
-
-
-@contextmanager
-def at_every_frame(handler: Callable[..., None]) -> Iterator[None]:
-    """The handler called after every change of the frame."""
-    bpy.app.handlers.frame_change_post.append(handler)
-    try:
-        yield
-    finally:
-        bpy.app.handlers.frame_change_post.remove(handler)
-
-
 def reading(holder: bpy.types.Object) -> Generator[str, None, object]:
     """The steps of reading an object over frames."""
     task = addon.module("tasks.depth_task")
@@ -322,15 +305,11 @@ def test_the_frame_is_restored_when_it_is_cancelled() -> None:
     bpy.context.scene.frame_set(3, subframe=0.5)
     objects = set(bpy.data.objects)
     steps = reading(holder)
-    while bpy.context.scene.frame_current != 6:
-        next(steps)
+    assert [next(steps) for _ in range(6)] == [f"Frame {number} of {LAST}" for number in range(1, 7)]
+    assert bpy.context.scene.frame_current == 5
     steps.close()
     assert (bpy.context.scene.frame_current, bpy.context.scene.frame_subframe) == (3, 0.5)
     assert set(bpy.data.objects) == objects
-
-
-def test_progress_names_the_frame() -> None:
-    assert list(reading(with_a_shape_key())) == [f"Frame {number} of {LAST}" for number in range(1, LAST + 1)]
 
 
 def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:
@@ -341,10 +320,11 @@ def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:
     def swap(changed: bpy.types.Scene, *_: object) -> None:
         holder.data = meshes_before[changed.frame_current > 5]
 
-    with at_every_frame(swap):
-        bpy.context.scene.frame_set(2)
-        with pytest.raises(RuntimeError, match=f"{holder.name}, on frame 6: it does not keep its mesh"):
-            compute(holder, bystander)
+    bpy.app.handlers.frame_change_post.append(swap)
+    bpy.context.scene.frame_set(2)
+    with pytest.raises(RuntimeError, match=f"{holder.name}, on frame 6: it does not keep its mesh"):
+        compute(holder, bystander)
+    bpy.app.handlers.frame_change_post.remove(swap)
     assert bpy.context.scene.frame_current == 2
     assert holder.data == meshes_before[0]
     assert not bystander.data.ccdepth.has_result
@@ -377,14 +357,6 @@ def animated(tmp_path: Path) -> Path:
     return save(tmp_path / "animated.blend")
 
 
-def expected() -> bpy.types.PropertyGroup:
-    """The record of the depths over all frames, of the object in the open file."""
-    [holder] = (each for each in bpy.data.objects if each.type == "MESH")
-    addon.compute(holder, **SETTINGS, frames="SCENE")
-    assert holder.data.ccdepth.deepest == addon.depths(holder).max()
-    return holder.data.ccdepth
-
-
 @pytest.mark.parametrize("frames", [f"1-{LAST}", "scene"])
 def test_depths_over_frames_are_reported(
     animated: Path, tmp_path: Path, frames: str, capfd: Capture, monkeypatch: pytest.MonkeyPatch
@@ -395,7 +367,10 @@ def test_depths_over_frames_are_reported(
     report, table, html = (tmp_path / f"report.{kind}" for kind in ("json", "csv", "html"))
     assert run(animated, *LINE, "--frames", frames, "--json", report, "--csv", table, "--html", html) == 0
     printed = capfd.readouterr().out
-    record = expected()
+    [holder] = (each for each in bpy.data.objects if each.type == "MESH")
+    addon.compute(holder, **SETTINGS, frames="SCENE")
+    record = holder.data.ccdepth
+    assert record.deepest == addon.depths(holder).max()
     deepest, worst = record.deepest, record.worst_frame
     assert worst == 8
     [each] = report_in(report)["files"][0]["objects"]
@@ -428,7 +403,7 @@ def test_the_level_over_frames_is_set_in_the_file(animated: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize(("frames", "worst"), [([], None), (["--frames=-2"], -2)])
-def test_no_frame_and_negative_ones_stand_in_the_report(
+def test_no_frame_and_negative_ones_are_reported(
     animated: Path, tmp_path: Path, frames: list[str], worst: int | None
 ) -> None:
     report = tmp_path / "report.json"
@@ -517,9 +492,7 @@ def test_a_count_of_faces_is_forgotten() -> None:
 
 
 @pytest.mark.every_blender
-def test_what_cannot_be_examined_does_not_pass_for_current(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_examined_is_not_current(monkeypatch: pytest.MonkeyPatch, capfd: Capture) -> None:
     holder = scene.add_suzanne()
     addon.compute(holder)
 

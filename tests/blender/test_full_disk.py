@@ -20,8 +20,8 @@ import bpy
 import pytest
 
 from tests.blender import addon
-from tests.blender.runs import Capture, few_samples, mesh_objects, program, run, said, save, save_cubes
-from tests.blender.test_examples import example_command
+from tests.blender.runs import Capture, few_samples, program, run, said, save, save_cubes
+from tests.blender.test_command_line import example_command
 
 whole_files = addon.module("command_line.whole_files")
 
@@ -77,22 +77,6 @@ def test_a_file_that_does_not_fit(tmp_path: Path, line: str, existing: bytes, ca
     assert re.search(rf"ccdepth: .*{path.name}: .*(is the disk full|too large)", printed.err), printed.err
     assert [each.name for each in tmp_path.iterdir()] == ([path.name] if existing else [])
     assert not existing or path.read_bytes() == existing
-
-
-@pytest.mark.every_blender
-def test_files_that_fit(tmp_path: Path, capfd: Capture) -> None:
-    blend, png = tmp_path / "out.blend", tmp_path / "out.png"
-    blend.write_bytes(b"an earlier version")
-    png.write_bytes(b"an earlier version")
-    assert run(*LINE, "--output", blend, "--picture", png) == 0
-    printed = capfd.readouterr().out
-    assert f"Written: {blend}" in printed
-    assert f"Written: {png}" in printed
-    # Blender keeps as many earlier versions as the preferences say: one.
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["out.blend", "out.blend1", "out.png"]
-    assert (tmp_path / "out.blend1").read_bytes() == b"an earlier version"
-    assert "ccdepth" in mesh_objects(blend)["Suzanne"].data.attributes
-    assert bpy.data.images.load(str(png)).size[0] > 0
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
@@ -160,9 +144,7 @@ def no_links(*_arguments: object) -> None:
 
 
 @pytest.mark.parametrize("has_links", [True, False])
-def test_permissions_and_earlier_versions_stay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_links: bool
-) -> None:
+def test_permissions_and_old_versions_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_links: bool) -> None:
     if not has_links:
         monkeypatch.setattr(os, "link", no_links)
     content = save_suzanne(tmp_path / "saved.blend")
@@ -181,9 +163,7 @@ def test_permissions_and_earlier_versions_stay(
 
 @pytest.mark.parametrize("name", ["link.stl", "link.obj", "link.blend", "link.json"])
 @pytest.mark.parametrize("is_there", [True, False])
-def test_a_link_is_replaced_and_its_name_decides_the_format(
-    tmp_path: Path, name: str, is_there: bool, capfd: Capture
-) -> None:
+def test_a_link_is_replaced_and_decides_the_format(tmp_path: Path, name: str, is_there: bool, capfd: Capture) -> None:
     link, target = tmp_path / name, tmp_path / "target.txt"
     if is_there:
         target.write_text("precious")

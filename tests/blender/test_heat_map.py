@@ -57,9 +57,7 @@ def test_viewports_stay_as_they_are_and_so_does_a_file_that_is_opened_again(tmp_
     assert appearances() == before
 
 
-def test_a_file_of_an_earlier_version_gets_its_viewports_back_once_and_clear_removes_its_colours(
-    tmp_path: Path,
-) -> None:
+def test_an_old_file_gets_its_viewports_back_once_and_clear_removes_its_colours(tmp_path: Path) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(OLD_FILE), load_ui=True)
     [view] = views()
     # As in Blender's own file.
@@ -88,9 +86,7 @@ def exported(path: Path) -> bytes:
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".ply"])
-def test_exports_of_a_result_are_the_same_with_and_without_a_heat_map_and_have_no_colours(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_exports_are_the_same_with_and_without_a_heat_map_and_have_no_colours(tmp_path: Path, suffix: str) -> None:
     [result] = subdivide(scene.add_suzanne(), tolerance=0.1)
     bpy.context.scene.ccdepth.heat_map = "DISTANCE"
     shown = exported(tmp_path / f"mesh{suffix}")
@@ -333,10 +329,8 @@ def test_what_an_operator_selects_in_object_mode_is_shown_until_it_is_edited(ope
     corners = {corner for face in chosen for corner in face.loop_indices}
     assert {*mesh.chosen.ravel().tolist()} == corners
     assert bpy.ops.ccdepth.edit_faces() == {"FINISHED"}
-    assert (bpy.context.mode, tuple(bpy.context.scene.tool_settings.mesh_select_mode)) == (
-        "EDIT_MESH",
-        (False, False, True),
-    )
+    assert bpy.context.mode == "EDIT_MESH"
+    assert tuple(bpy.context.scene.tool_settings.mesh_select_mode) == (False, False, True)
     edited = bmesh.from_edit_mesh(holder.data)
     assert sum(face.select for face in edited.faces) == len(chosen)
     assert [len(mesh.chosen) for mesh in read(Shown.DEPTH)] == [0]

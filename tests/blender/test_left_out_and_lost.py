@@ -273,7 +273,7 @@ def reported(path: Path) -> dict[str, Any]:
 @pytest.mark.every_blender
 @pytest.mark.parametrize("preference", [False, True])
 @pytest.mark.parametrize("where", ["shape key", "modifier", "parent", "another driver", "node group"])
-def test_without_scripts_an_object_that_needs_them_fails_and_the_others_are_done(
+def test_without_scripts_what_needs_them_fails_and_others_are_done(
     tmp_path: Path, where: str, preference: bool
 ) -> None:
     source = rig(tmp_path / "rig.blend", where)
@@ -296,13 +296,15 @@ def test_scripts_run_where_blender_was_started_so_in_all_that_a_run_opens(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     source = rig(tmp_path / "rig.blend")
+    written = ("--output", tmp_path / "o.stl", "--json", tmp_path / "r.json")
+    words = [str(word) for word in (source, *QUICK, "--subdivide", *written)]
     if bpy.app.binary_path:
-        status = subprocess.run([program()[0], "-b", "-y", *program()[2:], *words(source, tmp_path)]).returncode
+        status = subprocess.run([program()[0], "-b", "-y", *program()[2:], *words]).returncode
     else:
         # The bpy module has no options of Blender.
         monkeypatch.setattr(addon.module("command_line.mesh_files"), "scripts_allowed", lambda: True)
         monkeypatch.setattr(addon.module("command_line.scripted_drivers"), "scripts_allowed", lambda: True)
-        status = run(*words(source, tmp_path))
+        status = run(*words)
     assert status == 0
     found = reported(tmp_path / "r.json")
     assert (found["error"], found["met"], len(found["objects"])) == (None, True, 2)
@@ -311,11 +313,6 @@ def test_scripts_run_where_blender_was_started_so_in_all_that_a_run_opens(
     capfd.readouterr()
     assert run("--verify", tmp_path / "r.json") == 1
     assert "“Driven” depends on a driver that did not run" in capfd.readouterr().out
-
-
-def words(source: Path, folder: Path) -> list[str]:
-    line = (source, *QUICK, "--subdivide", "--output", folder / "o.stl", "--json", folder / "r.json")
-    return [str(word) for word in line]
 
 
 def test_the_last_option_of_blenders_own_holds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,8 +14,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.subdividing import refused, shape, subdivide
-from tests.blender.updating import refuses
+from tests.blender.subdividing import refused, refuses, shape, subdivide
 from tests.thorough import combinations
 
 pytestmark = pytest.mark.every_blender
@@ -131,7 +130,7 @@ def test_a_result_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: str, out
 
 
 @pytest.mark.parametrize(("kind", "modifiers"), combinations(KINDS, [("SUBSURF",), ("BEVEL",), ("BEVEL", "SUBSURF")]))
-def test_modifiers_of_the_library_are_counted_in_and_taken_off(
+def test_modifiers_of_libraries_are_counted_in_and_taken_off(
     tmp_path: Path, kind: str, modifiers: tuple[str, ...]
 ) -> None:
     wanted = expected(modifiers=modifiers)
@@ -213,9 +212,7 @@ def test_results_that_are_not_kept_are_an_error(tmp_path: Path, operator: str) -
 
 
 @pytest.mark.parametrize(("operator", "dropped"), [("compute", 0), ("compute", 2), ("measure", 1)])
-def test_values_that_are_not_kept_leave_all_as_it_was(
-    monkeypatch: pytest.MonkeyPatch, operator: str, dropped: int
-) -> None:
+def test_values_that_are_not_kept_leave_all_alone(monkeypatch: pytest.MonkeyPatch, operator: str, dropped: int) -> None:
     """One mesh with earlier depths and two without any: Blender drops what is written last to the first of them, or to
     a later one."""
     holders = [scene.add_object(meshes.cube(), name) for name in ("First", "Second", "Third")]

@@ -16,7 +16,8 @@ from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.updating import refuses, stale_line
+from tests.blender.subdividing import refuses
+from tests.blender.updating import stale_line
 
 pytestmark = pytest.mark.every_blender
 
@@ -117,18 +118,19 @@ def test_modifiers_count_that_are_above_the_subdivision_and_shown() -> None:
 
 
 def test_the_first_subdivision_shown_in_the_viewport_is_meant() -> None:
+    """Where none shows, the first; its vertices are those that it shows."""
     holder = scene.add_object(meshes.landscape(4, 4))
-    scene.add_subdivision(holder, 1, boundary="ALL").show_viewport = False
-    scene.add_subdivision(holder, 1, boundary="PRESERVE_CORNERS")
-    np.testing.assert_array_equal(computed(holder), core_depths(holder.data, smooth_corners=False))
-
-
-@pytest.mark.parametrize("boundary", ["ALL", "PRESERVE_CORNERS"])
-def test_the_boundary_option_rules(boundary: str) -> None:
-    holder = scene.add_object(meshes.landscape(3, 3))
-    scene.add_subdivision(holder, 1, boundary=boundary)
+    first, second = (scene.add_subdivision(holder, 1, boundary=each) for each in ("ALL", "PRESERVE_CORNERS"))
+    first.use_limit_surface = True
     assert not np.array_equal(core_depths(holder.data), core_depths(holder.data, smooth_corners=False))
-    np.testing.assert_array_equal(computed(holder), core_depths(holder.data, smooth_corners=boundary == "ALL"))
+    for shown, is_first in (((True, True), True), ((False, True), False), ((False, False), True)):
+        first.show_viewport, second.show_viewport = shown
+        np.testing.assert_array_equal(computed(holder), core_depths(holder.data, smooth_corners=is_first))
+        addon.compute(holder, vertices="OBJECT")
+        assert holder.data.ccdepth.vertices == ("LIMIT" if is_first else "CONTROL")
+    first.subdivision_type = "SIMPLE"
+    addon.compute(holder, vertices="OBJECT")
+    assert holder.data.ccdepth.vertices == "CONTROL"
 
 
 def test_creases_can_be_off() -> None:
@@ -251,25 +253,17 @@ COMMON = set(bpy.types.Modifier.bl_rna.properties.keys())
 SHAPING_SUBSURF = {"boundary_smooth", "use_creases"}
 
 
-def with_modifier(kind: str) -> bpy.types.Object | None:
-    """A cube with a fresh modifier, unless Blender has none of this type for meshes."""
-    holder = scene.add_object(meshes.creased_cube())
-    holder.vertex_groups.new(name="Group")
-    # An error for some types, nothing for others.
-    with suppress(RuntimeError, TypeError):
-        if holder.modifiers.new(kind.title(), kind) is not None:
-            return holder
-    bpy.data.objects.remove(holder)
-    return None
-
-
 def fresh() -> Iterator[tuple[str, bpy.types.Object]]:
     """An object with a modifier of each type, one after another."""
     for kind in TYPES:
-        holder = with_modifier(kind)
-        if holder is not None:
+        holder = scene.add_object(meshes.creased_cube())
+        holder.vertex_groups.new(name="Group")
+        # Those that Blender does not have for meshes are an error for some types, nothing for others.
+        with suppress(RuntimeError, TypeError):
+            holder.modifiers.new(kind.title(), kind)
+        if len(holder.modifiers):
             yield kind, holder
-            bpy.data.objects.remove(holder)
+        bpy.data.objects.remove(holder)
 
 
 def test_every_operator_copes_with_fresh_modifiers(capfd: pytest.CaptureFixture[str]) -> None:

@@ -150,8 +150,10 @@ class Scenes(RuleBasedStateMachine):
             addon.select(*objects)
         staleness = addon.module("state.out_of_date")
         addon.module("state.watch").examine()
-        with_depths = [each.data for each in objects if each.type == "MESH" and _has_depths(each.data)]
-        current = {mesh.name: _depths(mesh) for mesh in with_depths if not staleness.is_stale(mesh)}
+        has_depths = addon.module("state.mesh_values").has_depths
+        found = [each.data for each in objects if each.type == "MESH" and has_depths(each.data)]
+        computed = [mesh for mesh in found if not mesh.ccdepth.subdivision]
+        current = {mesh.name: _depths(mesh) for mesh in computed if not staleness.is_stale(mesh)}
         if len(bpy.context.selected_objects) == len(objects) and self._call("compute", None, **settings):
             for name, depths in current.items():
                 if _depths(bpy.data.meshes[name]) != depths:
@@ -304,10 +306,6 @@ def _meant() -> list[str]:
     active = bpy.context.active_object
     chosen = bpy.context.selected_objects or ([active] if active else [])
     return [each.name for each in chosen if each.type == "MESH" and each.library is None]
-
-
-def _has_depths(mesh: bpy.types.Mesh) -> bool:
-    return mesh.ccdepth.has_result and not mesh.ccdepth.subdivision and "ccdepth" in mesh.attributes
 
 
 def _depths(mesh: bpy.types.Mesh) -> list[int]:

@@ -15,7 +15,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.updating import refuses
+from tests.blender.subdividing import refuses
 from tests.thorough import combinations
 
 pytestmark = pytest.mark.every_blender
@@ -77,12 +77,6 @@ def points_of_one_mesh() -> list[bpy.types.Object]:
     return [scene.add_mesh(mesh), scene.add_mesh(mesh)]
 
 
-def with_group(name: str) -> bpy.types.Object:
-    holder = cube()
-    holder.vertex_groups.new(name=name)
-    return holder
-
-
 def with_attribute(name: str, data_type: str, domain: str) -> bpy.types.Object:
     """With a fifth value that is no number, where there is such a thing."""
     holder = cube()
@@ -129,9 +123,9 @@ def edited_since() -> bpy.types.Object:
 # Out of reach
 
 
-def sculpted() -> None:
+def in_mode(mode: str) -> None:
     addon.select(cube())
-    bpy.ops.object.mode_set(mode="SCULPT")
+    bpy.ops.object.mode_set(mode=mode)
 
 
 def put_away(way: str) -> None:
@@ -150,11 +144,6 @@ def put_away(way: str) -> None:
 def none_active() -> None:
     addon.select(cube(), cube(), cube())
     bpy.context.view_layer.objects.active.select_set(False)
-
-
-def edited() -> None:
-    addon.select(cube())
-    bpy.ops.object.mode_set(mode="EDIT")
 
 
 def edited_without_faces() -> None:
@@ -182,11 +171,11 @@ REFUSALS: dict[str, Refusal] = {
     "too fine": Refusal(cube, "Cube: the tolerance .* is finer than the mesh's", settings={"tolerance": 1e-12}),
     "no tolerance in the scene": Refusal(without_tolerance, "greater than zero"),
     **{f"accuracy {x}": Refusal(cube, "The accuracy must be", MEASURE, {"accuracy": x}) for x in (0.0, -1.0, NAN)},
-    "in Edit Mode, which stays": Refusal(edited, "greater than zero", ALL, {"tolerance": 0.0}),
+    "in Edit Mode, which stays": Refusal(lambda: in_mode("EDIT"), "greater than zero", ALL, {"tolerance": 0.0}),
     "results from before stay": Refusal(with_results, "greater than zero", ALL, {"tolerance": 0.0}),
     "nothing selected": Refusal(addon.select, "Select a mesh object", ALL),
     "no mesh": Refusal(lambda: addon.select(scene.add_light()), "Select a mesh object", ALL),
-    "another mode": Refusal(sculpted, "Object Mode and in Edit Mode", ALL),
+    "another mode": Refusal(lambda: in_mode("SCULPT"), "Object Mode and in Edit Mode", ALL),
     "hidden": Refusal(lambda: put_away("hidden"), "Suzanne: the object is hidden", ALL),
     "hidden in viewports": Refusal(
         lambda: put_away("viewport"), "Suzanne: the object is hidden|Select a mesh object", ALL
@@ -201,7 +190,7 @@ REFUSALS: dict[str, Refusal] = {
     "a repeated vertex": Refusal(lambda: with_repeated_vertices(0), "Scan: 1 face with a repeated vertex"),
     "scaled to a point": Refusal(lambda: cube("Flat", size=0.0), "Flat: all its faces are at one point"),
     "no extent": Refusal(points_of_one_mesh, "Point.*all its faces are at one point"),
-    "a group with our name": Refusal(lambda: with_group("ccdepth"), TAKEN.format("ccdepth")),
+    "a group with our name": Refusal(lambda: cube().vertex_groups.new(name="ccdepth").id_data, TAKEN.format("ccdepth")),
     "an attribute with our name": Refusal(
         lambda: with_attribute("ccdepth", "FLOAT", "POINT"), TAKEN.format("ccdepth")
     ),

@@ -192,9 +192,7 @@ def test_a_report_in_a_folder_that_is_a_link_finds_its_files(tmp_path: Path) -> 
     assert run("--verify", real / "report.json") == 0
 
 
-def test_a_file_that_was_moved_away_from_the_surface_is_found_out(
-    cube_report: Path, tmp_path: Path, capfd: Capture
-) -> None:
+def test_a_file_moved_away_from_the_surface_is_found_out(cube_report: Path, tmp_path: Path, capfd: Capture) -> None:
     """Although its SHA-256 is put into the report."""
     shutil.copytree(cube_report.parent, tmp_path, dirs_exist_ok=True)
     output, content = tmp_path / "out.stl", report_in(cube_report)
@@ -229,7 +227,7 @@ def test_a_file_that_was_moved_away_from_the_surface_is_found_out(
         ("object settings", None, "settings cannot be None"),
     ],
 )
-def test_what_cannot_be_checked_does_not_pass(
+def test_what_is_unchecked_does_not_pass(
     cube_report: Path, place: str, value: Any, message: str, capfd: Capture
 ) -> None:
     content = holder = report_in(cube_report)
@@ -381,9 +379,7 @@ def test_the_parts_make_the_report_of_one_run(tmp_path: Path, parts: Path, capfd
         ({"format": "other"}, "not a CC Depth report"),
     ],
 )
-def test_reports_that_make_no_whole(
-    tmp_path: Path, parts: Path, capfd: Capture, change: dict[str, Any], message: str
-) -> None:
+def test_no_whole_is_made(tmp_path: Path, parts: Path, capfd: Capture, change: dict[str, Any], message: str) -> None:
     content = json.loads((parts / "1.json").read_text(encoding="utf-8")) | change
     known = {name: value for name, value in content.items() if value is not None}
     (parts / "3.json").write_text(json.dumps(known), encoding="utf-8")
@@ -393,10 +389,7 @@ def test_reports_that_make_no_whole(
 
 
 def test_an_empty_folder_has_no_report(tmp_path: Path, capfd: Capture) -> None:
-    for folder, message in (
-        (tmp_path, "there are no reports in it"),
-        (tmp_path / "nowhere", "there is no such folder"),
-    ):
+    for folder, message in ((tmp_path, "there are no reports in it"), (tmp_path / "no", "there is no such folder")):
         assert message in said(capfd, "--gather", folder, "--csv", tmp_path / "all.csv")
 
 
@@ -409,23 +402,15 @@ def texts_and_pixels(page: str) -> list[str | bytes]:
     return parts
 
 
-def test_pictures_of_a_gathered_page_are_those_of_its_files(
+def test_pictures_of_gathered_pages_are_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
     """The same as in the page of one run, where the reports hold them."""
     few_samples(monkeypatch)
     folder, html = tmp_path / "parts", tmp_path / "page.html"
     folder.mkdir()
-    line = [
-        "--subdivide",
-        "--tolerance",
-        "50mm",
-        "--format",
-        "stl",
-        "--overwrite",
-        "--output-folder",
-        tmp_path / "made",
-    ]
+    made = ["--overwrite", "--output-folder", tmp_path / "made"]
+    line = ["--subdivide", "--tolerance", "50mm", "--format", "stl", *made]
     sources = [save_cubes(tmp_path / f"{name}.blend", name) for name in ("One", "Two")]
     for number, source in enumerate(sources):
         assert run(source, *line, "--pictures", "--json", folder / f"{number}.json") == 0

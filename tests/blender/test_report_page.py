@@ -19,7 +19,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests import meshes
-from tests.blender import addon, scene
+from tests.blender import addon, scene, snapshot
 from tests.blender.runs import CHECKOUT, LINE, run, save
 from tests.blender.subdividing import subdivide
 
@@ -251,22 +251,16 @@ def split(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.
     return pixels[picture.TITLE_HEIGHT + picture.MARGIN :, : border - 1], pixels[:, border - 1 :]
 
 
-def contents() -> list[tuple[str, str]]:
-    kinds = ("scenes", "objects", "meshes", "curves", "cameras", "materials", "images", "worlds", "collections")
-    return [(kind, item.name) for kind in kinds for item in getattr(bpy.data, kind) if item.name != "Render Result"]
-
-
 @pytest.mark.every_blender
 def test_the_legend_has_the_exact_colour_of_every_depth_and_the_file_stays_as_it_is(tmp_path: Path) -> None:
     suzanne = scene.add_suzanne()
     suzanne.modifiers.new("Mirror", "MIRROR")
     scene.add_subdivision(suzanne, 1)
     addon.compute(suzanne, tolerance=0.01)
-    before, engine = contents(), bpy.context.scene.render.engine
-    _, legend = split(render(tmp_path / "picture.png", suzanne))
-    assert contents() == before
-    assert not suzanne.data.color_attributes
-    assert (bpy.context.scene.render.engine, len(suzanne.modifiers)) == (engine, 2)
+    engine = bpy.context.scene.render.engine
+    with snapshot.unchanged():
+        _, legend = split(render(tmp_path / "picture.png", suzanne))
+    assert bpy.context.scene.render.engine == engine
     depths = addon.histogram(suzanne)
     assert len(depths) > 2
     for color in colors.depth_colors([*depths]):
@@ -329,12 +323,6 @@ def test_its_name_may_have_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyP
     addon.compute(holder)
     picture.render(bpy.context, [holder], Path("picture.png"), "Title", "Subtitle", size=picture.SMALL)
     assert [each.name for each in tmp_path.iterdir()] == ["picture.png"]
-
-
-def test_without_depths_there_is_no_picture(tmp_path: Path) -> None:
-    with pytest.raises(picture.CommandError):
-        render(tmp_path / "picture.png", scene.add_suzanne())
-    assert not list(tmp_path.iterdir())
 
 
 def test_the_line_under_several_measured_objects_has_the_tolerance_of_the_worst() -> None:

@@ -10,8 +10,8 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.subdividing import known_count
-from tests.blender.updating import move_vertex, refuses, set_scene
+from tests.blender.subdividing import known_count, refuses
+from tests.blender.updating import move_vertex, set_scene
 
 pytestmark = pytest.mark.every_blender
 
@@ -131,11 +131,6 @@ def recorded(name: str, value: int) -> Callable[[bpy.types.Object], None]:
     return lambda holder: setattr(holder.data.ccdepth, name, value)
 
 
-def made_larger(holder: bpy.types.Object) -> None:
-    holder.scale.x = 2.0
-    bpy.context.view_layer.update()
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -143,7 +138,7 @@ def made_larger(holder: bpy.types.Object) -> None:
         (lambda holder: holder.data.ccdepth.property_unset("uniform_level"), "its depths are from an earlier version"),
         (lambda _: bpy.ops.ccdepth.clear(), "it has no depths"),
         (lambda holder: move_vertex(holder.data), "its depths are out of date"),
-        (made_larger, "its depths are out of date"),
+        (lambda holder: setattr(holder, "scale", (2.0, 1.0, 1.0)), "its depths are out of date"),
         (recorded("uniform_level", 12), "it needs 12 levels, and a Subdivision Surface modifier has 11 at most"),
         (lambda _: set_scene(max_faces=1000), ".* levels would make .* faces, and the Face Limit is 1,000"),
     ],

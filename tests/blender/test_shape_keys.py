@@ -245,9 +245,7 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
         ("exchange.control_mesh", "mesh_arrays"),
     ],
 )
-def test_runs_that_fail_half_way_leave_no_keys(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, name: str
-) -> None:
+def test_runs_that_fail_leave_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, name: str) -> None:
     holder = cube_with_keys(modifier=name == "mesh_arrays")
 
     def fail(*_: object, **__: object) -> None:

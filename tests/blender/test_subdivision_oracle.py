@@ -184,7 +184,8 @@ def test_uv_levels_agree_with_the_modifier(name: str, uv_smooth: str, creased: b
 def test_neighbours_whose_creases_fade_together(uv_smooth: str) -> None:
     """Two islands meet in a vertex; inside one of them two creases end there, which fade in the same level, or with a
     third one that fades later, or where the vertex is sharp for a while itself."""
-    first, second, third = edges_at_the_middle(FAN)[1:4]
+    # Between a sector and the one before.
+    first, second, third = [(0, int(vertex)) for vertex in FAN.corner_vertices.reshape(-1, 4)[1:4, 1]]
     creases = {first: 0.42, second: 0.35}
     for data in (
         replace(FAN, edge_creases=creases),
@@ -192,11 +193,6 @@ def test_neighbours_whose_creases_fade_together(uv_smooth: str) -> None:
         replace(FAN, edge_creases=creases, vertex_creases={0: 0.4}),
     ):
         assert_agreement(data, uv_smooth, two_islands)
-
-
-def edges_at_the_middle(data: meshes.MeshData) -> list[tuple[int, int]]:
-    """Those of the fan, sector by sector: that between a sector and the one before."""
-    return [(0, int(second)) for second in data.corner_vertices.reshape(-1, 4)[:, 1]]
 
 
 def two_islands(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:
@@ -220,12 +216,9 @@ def assert_agreement(
         surface = face_varying_surface(control, uvs, uv_smooth)
         own = uniform.refined_values(surface, surface.positions[:, :2], UV_LEVEL, limit=False)
         tolerance = UV_ULPS * float(np.finfo(np.float32).eps * np.abs(uvs).max())
-        by_face = (by_base_face(points, control) for points in (own, scene.read(evaluated, layer).astype(np.float64)))
+        # Both meshes go through the faces in their order.
+        starts = control.face_starts[1:-1] * 4**UV_LEVEL
+        by_face = (np.split(points, starts) for points in (own, scene.read(evaluated, layer).astype(np.float64)))
         for ours, theirs in zip(*by_face, strict=True):
             distances = np.abs(ours[:, None] - theirs).max(axis=2)
             assert max(distances.min(axis=0).max(), distances.min(axis=1).max()) <= tolerance, layer
-
-
-def by_base_face(points: NDArray[np.float64], control: PolygonMesh) -> list[NDArray[np.float64]]:
-    """The points (C, 2) at fine corners, by base face: both meshes go through the faces in their order."""
-    return np.split(points, control.face_starts[1:-1] * 4**UV_LEVEL)

@@ -13,8 +13,8 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.subdividing import TOLERANCE, faces, known_count, refused, subdivide
-from tests.blender.updating import made_result, move_vertex, refuses, set_scene
+from tests.blender.subdividing import TOLERANCE, faces, known_count, refused, refuses, subdivide
+from tests.blender.updating import made_result, move_vertex, set_scene
 from tests.thorough import each
 
 
@@ -132,9 +132,7 @@ def test_switching_in_the_sidebar_carries_the_distance_over_and_back(cube: bpy.t
     assert settings.relative_tolerance == about(0.001)
 
 
-def test_modifiers_that_are_counted_in_are_carried_over_too(
-    cube: bpy.types.Object, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_modifiers_counted_in_are_carried_over_too(cube: bpy.types.Object, monkeypatch: pytest.MonkeyPatch) -> None:
     """Below a Subdivision Surface modifier as well. Of those that take long only what was computed is told."""
     scene.add_subdivision(cube, 1)
     array = cube.modifiers.new("Array", "ARRAY")
@@ -351,7 +349,7 @@ def refused_and_found(*objects: bpy.types.Object, match: str = "", **settings: A
         ),
     ],
 )
-def test_the_tolerance_found_fits_small_and_large_results(
+def test_the_tolerance_found_fits_results_of_any_size(
     name: str, mode: str, max_faces: int, tolerance_mode: str
 ) -> None:
     """The large ones are too large to be tried from the start; a pole may be as deep as its whole face. At least half

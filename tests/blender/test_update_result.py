@@ -13,12 +13,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from mathutils import Matrix
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.subdividing import TOLERANCE, faces, refused, shape, subdivide
-from tests.blender.updating import made_result, move_vertex, refuses, set_scene, stale_line, update
+from tests.blender.subdividing import TOLERANCE, faces, refused, refuses, shape, subdivide
+from tests.blender.updating import made_result, move_vertex, set_scene, stale_line, update
 
 pytestmark = pytest.mark.every_blender
 
@@ -35,15 +34,6 @@ def linked_copy(holder: bpy.types.Object, into: bpy.types.Scene | None = None) -
 def move_to_another_scene(holder: bpy.types.Object) -> None:
     bpy.data.scenes.new("Other").collection.objects.link(holder)
     bpy.context.scene.collection.objects.unlink(holder)
-
-
-def saved(tmp_path: Path) -> str:
-    """A file with a cage and its result; the present one is empty."""
-    made_result()
-    path = str(tmp_path / "library.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.read_homefile(use_factory_startup=True)
-    return path
 
 
 # What is made.
@@ -116,18 +106,6 @@ def test_materials_of_the_source_come_along_where_the_result_has_none_of_its_own
     assert [(slot.link, slot.material) for slot in result.material_slots][:1] == [("OBJECT", own)]
 
 
-def test_the_tolerance_holds_where_the_result_is() -> None:
-    """It was scaled after it was made."""
-    _, result = made_result()
-    result.scale = (10.0, 10.0, 10.0)
-    update(result)
-    grown = scene.add_object(meshes.cube())
-    grown.data.transform(Matrix.Scale(10.0, 4))
-    [same] = subdivide(grown)
-    assert abs(faces(same) - faces(result)) <= 0.002 * faces(same)
-    assert stale_line(result) == ""
-
-
 def test_an_edited_result_is_kept_beside_the_new_one() -> None:
     """Also where colours were painted on it."""
     _, result = made_result()
@@ -192,17 +170,6 @@ def test_nothing_is_claimed_of_objects_of_other_scales_that_share_the_mesh() -> 
     assert len(bpy.data.meshes) == 2
     assert stale_line(result) == ""
     assert stale_line(plain) == "Not computed for this object"
-
-
-def test_results_of_a_selected_source_are_made_from_it_as_it_is() -> None:
-    source, result = made_result()
-    source.hide_set(False)
-    source.data.transform(Matrix.Scale(2.0, 4))
-    source.data.update()
-    before, size = faces(result), np.ptp(shape(result), axis=0)
-    update(source, **FINER)
-    assert faces(result) > before
-    assert np.ptp(shape(result), axis=0) == pytest.approx(2 * size, rel=0.01)
 
 
 def test_what_is_in_edit_mode_goes_on_being_edited() -> None:
@@ -276,17 +243,13 @@ def become_a_curve(source: bpy.types.Object, _result: bpy.types.Object) -> None:
     bpy.ops.object.convert(target="CURVE")
 
 
-def share_the_mesh(source: bpy.types.Object, result: bpy.types.Object) -> None:
-    source.data = result.data
-
-
 # What becomes of a source and its result, which of them is selected then, settings, and what Update Result says.
 Change = Callable[[bpy.types.Object, bpy.types.Object], object]
 REFUSALS: tuple[tuple[Change, str, dict[str, object], str], ...] = (
     (lambda source, _: bpy.data.objects.remove(source), "Cage Adaptive", {}, "its source “Cage” has been removed"),
     (become_a_curve, "Cage Adaptive", {}, "its source “Cage” is not a mesh any more"),
     (lambda source, _: subdivide(source, output="IN_PLACE"), "Cage Adaptive", {}, "was subdivided in place since"),
-    (share_the_mesh, "Cage Adaptive", {}, "has the same mesh"),
+    (lambda source, result: setattr(source, "data", result.data), "Cage Adaptive", {}, "has the same mesh"),
     (lambda *_: None, "Cage Adaptive", {**FINER, "tolerance": 1e-6, "max_faces": 10_000}, "10,000 are allowed"),
     (lambda *_: None, "Cage Adaptive", {"tolerance": -1.0}, "greater than zero"),
     # Blender does not tell how large it is there.
@@ -322,7 +285,10 @@ def test_modifiers_count_once() -> None:
 
 
 def test_a_linked_result_is_refused_and_an_appended_one_brings_its_source(tmp_path: Path) -> None:
-    path = saved(tmp_path)
+    made_result()
+    path = str(tmp_path / "library.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
     bpy.ops.wm.append(directory=f"{path}/Object/", filename="Cage Adaptive")
     result = bpy.data.objects["Cage Adaptive"]
     assert result.ccdepth.source.library is None

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vertices as the objects' own modifiers have them, and files and scripts that name them."""
+"""Vertices as the objects' own modifiers have them, and files and scripts that name them.
+
+A file of 308a89a opens with all it holds: depths, adaptive objects, measurements, and what is kept updated.
+"""
 
 from __future__ import annotations
 
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 
@@ -18,7 +22,7 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.runs import few_samples, mesh_objects, run, save
 from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
-from tests.blender.updating import stale_line
+from tests.blender.updating import move_vertex, set_scene, stale_line, update
 
 pytestmark = pytest.mark.every_blender
 
@@ -63,19 +67,6 @@ def test_vertices_are_those_of_the_objects_own_modifier(own: str | None, expecte
     bpy.ops.ccdepth.set_levels()
     assert [each.use_limit_surface for each in holder.modifiers] == [expected == "LIMIT"]
     assert stale_line(holder) == ""
-
-
-def test_the_modifier_is_the_one_whose_surface_is_used() -> None:
-    """The first Catmull-Clark one that shows in the viewport; where none shows, the first."""
-    holder = with_modifier(with_modifier(scene.add_object(meshes.cube()), "LIMIT"), "CONTROL")
-    shown_vertices = addon.module("exchange.modifiers").shown_vertices
-    first, second = holder.modifiers
-    for visible, expected in (((True, True), "LIMIT"), ((False, True), "CONTROL"), ((False, False), "LIMIT")):
-        first.show_viewport, second.show_viewport = visible
-        assert shown_vertices(holder, "OBJECT") == expected
-        assert [shown_vertices(holder, named) for named in VERTICES] == list(VERTICES)
-    first.subdivision_type = "SIMPLE"
-    assert shown_vertices(holder, "OBJECT") == "CONTROL"
 
 
 def test_objects_of_one_mesh_keep_their_own_vertices() -> None:
@@ -136,9 +127,7 @@ def test_use_limit_surface_of_the_modifier_matters_to_what_follows_it_alone() ->
 
 
 @pytest.mark.parametrize("computed", ["OBJECT", "CONTROL", "LIMIT"])
-def test_only_a_setting_that_names_other_vertices_makes_depths_out_of_date(
-    computed: str, settings: bpy.types.PropertyGroup
-) -> None:
+def test_only_a_setting_of_other_vertices_makes_depths_stale(computed: str, settings: bpy.types.PropertyGroup) -> None:
     """Of an object without a modifier, which has vertices on the limit surface."""
     holder = scene.add_object(meshes.cube())
     settings.vertices = computed
@@ -149,9 +138,7 @@ def test_only_a_setting_that_names_other_vertices_makes_depths_out_of_date(
         assert stale_line(holder) == (SETTINGS_LINE if is_other else ""), now
 
 
-def test_another_method_makes_nothing_out_of_date_and_the_panel_names_the_one(
-    settings: bpy.types.PropertyGroup,
-) -> None:
+def test_another_method_makes_nothing_out_of_date_and_the_panel_names_it(settings: bpy.types.PropertyGroup) -> None:
     holder, other = scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
     addon.compute(other, vertices="CONTROL")
     addon.compute(holder, method="SHARP")
@@ -193,7 +180,7 @@ def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("asked", ["object", "limit"])
-def test_reports_say_which_vertices_were_used_for_each_object(
+def test_reports_say_which_vertices_each_object_has(
     asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Levels set in the file leave them to each object unless they are named. A report in which settings alone name
@@ -211,9 +198,8 @@ def test_reports_say_which_vertices_were_used_for_each_object(
     assert {each["name"]: each["vertices"] for each in entries} == expected
     assert {each["settings"]["vertices"] for each in entries} == {"LIMIT" if asked == "limit" else "OBJECT"}
     texts = re.findall(r"<dt>Vertices</dt><dd>([^<]*)", page.read_text(encoding="utf-8"))
-    assert sorted(texts) == sorted(
-        {"LIMIT": "Limit Surface", "CONTROL": "Control Mesh"}[each] for each in expected.values()
-    )
+    words = {"LIMIT": "Limit Surface", "CONTROL": "Control Mesh"}
+    assert sorted(texts) == sorted(words[each] for each in expected.values())
     assert run("--verify", report) == 0
     shown = {name: each.modifiers[0].use_limit_surface for name, each in mesh_objects(output).items()}
     assert shown == {name: vertices == "LIMIT" for name, vertices in expected.items()}
@@ -222,3 +208,77 @@ def test_reports_say_which_vertices_were_used_for_each_object(
         del each["vertices"]
     report.write_text(json.dumps(content), encoding="utf-8")
     assert run("--verify", report) == (0 if asked == "limit" else 1)
+
+
+# Files of 308a89a
+
+
+# ``make.py`` beside it says how it was made.
+OLD_RESULTS = Path(__file__).with_name("saved_by_308a89a") / "results.blend"
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[dict[str, bpy.types.Object]]:
+    """The objects of the file, opened from a copy, by name."""
+    bpy.ops.wm.open_mainfile(filepath=str(shutil.copy(OLD_RESULTS, tmp_path)))
+    yield dict(bpy.data.objects)
+    bpy.ops.wm.read_homefile(use_empty=True)
+
+
+def measured_line(holder: bpy.types.Object) -> str:
+    stale_line(holder)
+    return addon.module("ui.deviation_panel").stale_line(bpy.context.scene.ccdepth, holder.data)
+
+
+def test_depths_are_there_and_hold(opened: dict[str, bpy.types.Object]) -> None:
+    settings = bpy.context.scene.ccdepth
+    assert (settings.method, settings.vertices, settings.tolerance_mode) == ("CERTIFIED", "CONTROL", "ABSOLUTE")
+    small, large, moving = (opened[name] for name in ("Small", "Large", "Moving"))
+    record = small.data.ccdepth
+    assert (record.faces, record.method, record.vertices, record.deepest) == (6, "CERTIFIED", "CONTROL", 3)
+    assert addon.depths(small).tolist() == [3] * 6
+    assert (addon.bounds(small) <= record.world_tolerance).all()
+    assert stale_line(small) == stale_line(large) == ""
+    assert (moving.data.ccdepth.frames, moving.data.ccdepth.worst_frame) == ("1-3", 3)
+    set_scene(frames="CUSTOM", frame_list="1-3")
+    for frame in (1, 2, 3):
+        bpy.context.scene.frame_set(frame)
+        assert stale_line(moving) == ""
+    large.scale.x = 4.0
+    assert stale_line(small) != ""
+
+
+def test_adaptive_objects_are_there_with_their_sources_and_settings(opened: dict[str, bpy.types.Object]) -> None:
+    kept, reduced, in_place = (opened[name] for name in ("Kept Adaptive", "Reduced Adaptive", "In Place"))
+    assert (kept.ccdepth.source, kept.ccdepth.keep_updated) == (opened["Kept"], True)
+    assert not opened["Kept"].visible_get()
+    assert stale_line(kept) == ""
+    assert (reduced.ccdepth.reduce, reduced.ccdepth.exact_normals) == (True, True)
+    assert reduced.data.ccdepth.unreduced_triangles > len(reduced.data.polygons)
+    assert stale_line(reduced) == SETTINGS_LINE
+    assert (in_place.data.ccdepth.subdivision, in_place.ccdepth.source) == ("PER_FACE", None)
+    for each in (kept, reduced, in_place):
+        record = each.data.ccdepth
+        assert record.base_faces == 6
+        assert addon.bounds(each).max() == np.float32(record.largest_bound) <= record.world_tolerance
+    move_vertex(opened["Kept"].data)
+    assert stale_line(kept) == "Out of date: “Kept” changed"
+    before = len(kept.data.polygons)
+    update(kept)
+    assert stale_line(kept) == ""
+    assert len(kept.data.polygons) != before or kept.data.ccdepth.largest_bound > 0
+
+
+def test_measurements_are_there_and_hold(opened: dict[str, bpy.types.Object]) -> None:
+    own, kept = opened["Own"], opened["Kept Adaptive"]
+    for holder, against in ((own, "Own"), (kept, "Kept")):
+        record = holder.data.ccdepth
+        assert (record.measurement.measured, record.measurement.against) == (holder.name, against)
+        assert addon.deviations(holder).max() <= np.float32(record.deviation)
+        assert 0 < record.deviation_reached <= record.deviation
+        assert measured_line(holder) == ""
+    assert kept.data.ccdepth.measurement.verdict == "MET"
+    move_vertex(own.data)
+    move_vertex(opened["Kept"].data)
+    assert measured_line(own) != ""
+    assert measured_line(kept) != ""

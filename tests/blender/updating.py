@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Update Result called in tests, and what it is tested on; and what any operator that refuses must leave as it is."""
+"""Update Result called in tests, and what it is tested on."""
 
 from __future__ import annotations
 
 import bpy
-import pytest
 
 from tests import meshes
-from tests.blender import addon, scene, snapshot
+from tests.blender import addon, scene
 from tests.blender.subdividing import TOLERANCE, subdivide
 
 
@@ -30,12 +29,6 @@ def made_result(**settings: object) -> tuple[bpy.types.Object, bpy.types.Object]
 def update(*objects: bpy.types.Object, **settings: object) -> None:
     addon.select(*objects)
     assert bpy.ops.ccdepth.update(**settings) == {"FINISHED"}
-
-
-def refuses(operator: str, match: str, **settings: object) -> None:
-    """The operator reports an error about what is selected, and nothing is changed."""
-    with snapshot.unchanged(), pytest.raises(RuntimeError, match=match):
-        getattr(bpy.ops.ccdepth, operator)(**settings)
 
 
 def stale_line(result: bpy.types.Object) -> str:
