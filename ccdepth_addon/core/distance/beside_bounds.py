@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds of pieces that are over their triangle and those across its sides. docs/distance.md, Lemma 7."""
+"""Bounds of pieces over their own triangle and the triangles across its sides. docs/distance.md, Lemma 7."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ..arrays.vectors import component_major, cross_products, dot_products, leng
 from .framed_pieces import ROUNDING, FramedPieces, Side, Wall, are_in_front, off_side, slid_along
 from .shells import Shell
 
-# A piece is placed in a shell as thick as this many times its largest height.
+# The thickness of the shell for a piece, in units of the piece's largest height.
 RANGE_FOR_HEIGHT = 1.5
 
 
 def bounds_beside(shell: Shell, seen: FramedPieces, ranges: FloatArray) -> FloatArray:
-    """(P,): bounds for pieces whose points are over their triangle or those across its sides, in a shell of some
-    ranges; infinite for others."""
+    """(P,): bounds for pieces over their own triangle and the triangles across its sides, in a shell of some ranges;
+    infinite for other pieces."""
     bounds = seen.heights / _own_cosines(shell, seen, ranges)
     sides = [Side.of(seen, side, ranges) for side in range(3)]
     placed = are_in_front(seen, sides)
@@ -32,11 +32,11 @@ def bounds_beside(shell: Shell, seen: FramedPieces, ranges: FloatArray) -> Float
 
 
 def _own_cosines(shell: Shell, seen: FramedPieces, ranges: FloatArray) -> FloatArray:
-    """(P,): the least cosine between the triangle's normal and the vectors at the places of a piece over it."""
+    """(P,): the least cosine between a triangle's normal and the vectors at the places of a piece over the triangle."""
     normals = component_major(shell.triangles.normals[seen.own])
     along, across = seen.sides[0], -seen.sides[2]
     first, second, third = (dot_products(normals, vector) for vector in seen.vectors)
-    # A place is off the foot on the plane by the part of s N across the normal, no more than the range.
+    # A place is off the foot on the plane by the part of s N across the normal, at most the range.
     area = np.maximum(dot_products(normals, cross_products(along, across)), 1e-300)
     slope = ((second - first) / area)[:, None] * cross_products(across, normals)
     slope += ((third - first) / area)[:, None] * cross_products(normals, along)
@@ -47,8 +47,9 @@ def _own_cosines(shell: Shell, seen: FramedPieces, ranges: FloatArray) -> FloatA
 
 @dataclass(frozen=True)
 class Beyond:
-    """Places of pieces beyond a side. number: of the side; across: (P,), the triangle there. are_placed: (P,) bool,
-    whether points beyond are over that triangle; heights: (R, P), of all points over its plane."""
+    """The places of pieces beyond a side of their triangles. number: the side; across: (P,), the triangles across the
+    side. are_placed: (P,) bool, whether points beyond the side are over that triangle; heights: (R, P), of all points
+    over the triangle's plane."""
 
     shell: Shell
     seen: FramedPieces
@@ -76,17 +77,17 @@ class Beyond:
         return Beyond(shell, seen, number, ranges, across, placed, heights)
 
     def bounds(self) -> FloatArray:
-        """(P,): of |s| for what is beyond the wall; and where the side is closed also how far that is from the side."""
+        """(P,): bounds of |s| beyond the wall, and of the distance from the side where the side is closed."""
         triangles, seen, ranges = self.shell.triangles, self.seen, self.ranges
         along = units(seen.sides[self.number])
         first, second = (seen.vectors[k % 3] for k in (self.number, self.number + 1))
         inwards = units(cross_products(first + second, along))
         upwards = cross_products(along, inwards)
-        # The wall is that near the plane of the side and the mean of its vectors.
+        # This bounds the distance of the wall from the plane of the side and the mean of its vectors.
         thick = ranges * np.maximum(*(np.abs(dot_products(inwards, vector)) for vector in (first, second)))
         are_beyond = seen.along(inwards, self.number) <= thick * (1 + ROUNDING) + ROUNDING * seen.sizes
         reached = np.where(are_beyond, self.heights, 0.0).max(axis=0)
-        # In the plane of the side both heights are parts of one length.
+        # In the plane of the side both heights are fractions of one length.
         own_cosine, own_sine, cosine, sine = (
             dot_products(triangles.normals[each], axis)
             for each in (seen.own, self.across)
@@ -107,7 +108,7 @@ class Beyond:
 
 
 def _is_open(wall: Wall, outer: Wall, to_apex: FloatArray, moved: FloatArray) -> BoolArray:
-    """(P,) whether the angle from a wall to the next one is larger than what margins take, and the prism between them
-    is beyond the first."""
+    """(P,) bool: whether the angle from a wall to the next wall exceeds the margins, with the prism between both beyond
+    the first wall."""
     down = -dot_products(wall.inwards, to_apex)
     return (down > 2 * (wall.margins + outer.margins) * outer.lengths) & (down > moved)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds of pieces that are over any of the triangles at a corner, or around their own. docs/distance.md, Lemma 8."""
+"""Bounds of pieces over any of the triangles at a corner, or around their own triangle. docs/distance.md, Lemma 8."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from .framed_pieces import ROUNDING, wall_plane
 from .piece_hulls import Pieces, all_points
 from .shells import Shell
 
-# Near a corner heights over all planes there are bounded together up to this part of the range.
+# Near a corner, heights over all planes are bounded together while the bound is at most this part of the range.
 NEAR_ENOUGH = 0.1
 
-# More triangles than this at a vertex are never looked at one by one.
+# Above this number of triangles at a vertex, heights are only bounded together.
 MANY_AROUND = 64
 
-# Pairs of pieces and triangles looked at together.
+# The number of pairs of pieces and triangles in a chunk.
 PAIRS_AT_ONCE = 1 << 10
 
 
 def bounds_near_corner(shell: Shell, pieces: Pieces, corner: int, *, at_side: bool = False) -> FloatArray:
-    """(P,): bounds for pieces so near a corner that they are over the triangles there, whichever of these; infinite for
-    others. at_side: whether they are followed by points of closed sides, as where they may be over flaps."""
+    """(P,): bounds for pieces near enough to a corner to be over some of the triangles there; infinite for other
+    pieces. at_side: whether points of closed sides follow the pieces, as over flaps."""
     triangles, own = shell.triangles, pieces.triangles
     vertices = triangles.vertices[own, corner]
     at = component_major(triangles.corners[own, corner])
@@ -37,7 +37,7 @@ def bounds_near_corner(shell: Shell, pieces: Pieces, corner: int, *, at_side: bo
     some, vertices, distances = pieces.at(near), vertices[near], distances[near]
     seen = all_points(some) - at[near]
     starts, counts, ranges = shell.star_starts[vertices], np.diff(shell.star_starts)[vertices], shell.ranges[own[near]]
-    # Each normal is the mean one and a vector no longer than the spread.
+    # Each normal is the sum of the mean normal and a vector no longer than the spread.
     together = np.abs(dot_products(seen, shell.mean_normals[vertices])).max(axis=0)
     together += shell.spreads[vertices] * distances
     found = np.minimum(together, distances) / shell.least_cosines[vertices]
@@ -58,8 +58,8 @@ def bounds_near_corner(shell: Shell, pieces: Pieces, corner: int, *, at_side: bo
 def _may_meet_flaps(
     shell: Shell, seen: FloatArray, vertices: IndexArray, ranges: FloatArray, distances: FloatArray
 ) -> BoolArray:
-    """(P,): whether hulls of points (R, P, 3), seen from some vertices, may meet prisms of flaps there. distances:
-    (P,), of the farthest points."""
+    """(P,) bool: whether hulls of points (R, P, 3), seen from vertices, may meet prisms of flaps there. distances:
+    (P,), of the farthest points from the vertices."""
     meets, ends = shell.is_border[vertices], shell.star_starts[vertices + 1]
     chosen = np.flatnonzero(meets)
     meets[chosen], place = False, 1
@@ -77,8 +77,8 @@ def _may_meet_flaps(
 
 
 def bounds_around(shell: Shell, pieces: Pieces) -> FloatArray:
-    """(P,): bounds for pieces that are over triangles that share a corner with theirs, whichever of these they may
-    meet; infinite for others."""
+    """(P,): bounds for pieces over triangles that share a corner with their own, over all triangles that the piece may
+    meet; infinite for other pieces."""
     own, vertices = pieces.triangles, shell.triangles.vertices[pieces.triangles]
     points = all_points(pieces)
     counts = np.diff(shell.star_starts)
@@ -102,8 +102,8 @@ def bounds_around(shell: Shell, pieces: Pieces) -> FloatArray:
 def _meetings(
     shell: Shell, points: FloatArray, triangles: IndexArray, vertices: IndexArray, ranges: FloatArray
 ) -> tuple[BoolArray, BoolArray]:
-    """(n,) bool twice: whether hulls of points (R, n, 3) may meet the prisms of triangles (n,); and whether they are on
-    the inner side of the walls there that do not touch any of the given vertices (n, 3)."""
+    """(n,) bool twice: whether hulls of points (R, n, 3) may meet the prisms of triangles (n,); and whether the hulls
+    are on the inner side of all walls there without one of the given vertices (n, 3)."""
     meets, stays = np.ones((2, len(triangles)), dtype=bool)
     numbers = shell.triangles.vertices[triangles]
     is_around = (numbers[:, :, None] == vertices[:, None]).any(axis=2)

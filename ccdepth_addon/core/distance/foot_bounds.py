@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distances of the triangles that a level of a regular face is drawn as, at all levels at once: feet on the surface.
+"""Distances between the triangles of a regular face and the surface, at all levels at once, by feet on the surface.
 
 Every point of a triangle has a foot on the surface nearby, along the normal there, and the feet cover the surface. So
-the part of the error that is tangential does not count. docs/distance.md has lemmas and constants; letters are those
-used there. Parameters have one unit for the face, and a level's subfaces the size h = 2⁻ʲ.
+the tangential part of the error does not count. docs/distance.md has the lemmas, the constants and the notation. In
+parameters a face has size 1, and the subfaces of level j have size h = 2⁻ʲ.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, tensor
 FIRST_DIFFERENCE = np.diff(np.eye(4), axis=0)
 QUADRATIC = np.array([[1, 1, 0], [0, 2, 0], [0, 1, 1]]) / 2
 
-# (25, 16): the Bernstein coefficients of S_uu, S_vv and S_uv of a net, and which of the rows are whose; (4, 16):
-# S_uuvv at the corners.
+# (25, 16): the Bernstein coefficients of S_uu, S_vv and S_uv of a net, and the rows of each; (4, 16): S_uuvv at the
+# corners.
 SECONDS = np.concatenate(
     [
         tensor(SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
@@ -38,26 +38,28 @@ FOURTH = tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE)
 VALUE, SLOPE = np.array([[1, 23, 23, 1]]) / 48, np.array([[-1, -5, 5, 1]]) / 8
 MIDDLE = np.concatenate([tensor(VALUE, VALUE), tensor(SLOPE, VALUE), tensor(VALUE, SLOPE)])
 
-# S_uu, S_vv and S_uv there.
+# S_uu, S_vv and S_uv at the middle of a face.
 CURVE = np.array([[1, -1, -1, 1]]) / 2
 MIDDLE_SECONDS = np.concatenate([tensor(CURVE, VALUE), tensor(VALUE, CURVE), tensor(SLOPE, SLOPE)])
 
-# Where S_u and S_v at the middle have a smaller sine between them nothing is proved. So frames are off by less than
-# 2⁻⁴⁰ of themselves, and what is computed in them by less than the part ROUNDING of the largest coefficient.
+# Below this sine between S_u and S_v at the middle, nothing is proved. So frames have relative errors below 2⁻⁴⁰, and
+# components in frames have errors below the part ROUNDING of the largest coefficient.
 LEAST_SINE, ROUNDING = 2.0**-10, 2.0**-30
 
-# A sine: two normals that are nearer to a third one than 45° do not face apart.
+# A sine: two normals within 45° of a third normal do not face apart.
 LARGEST_TILT = 0.7
 
 
 @dataclass(frozen=True)
 class FootBounds:
-    """Of P faces. second, fourth: (P,) float64 with |n·e| ≤ second h² + fourth h⁴ =: b, lengths; reach: (P,) with
-    ‖e‖ ≤ reach h² =: w. curvature: (P,), at least the principal curvatures of the face, 1 / length; speed: (P,), at
-    least how fast parameters change with the way along it, 1 / length. All are infinite where the face is not shown to
-    be an immersion. tilt: (P,), at least how far normals as long along n₀ as that are from it: of the surface, and of
-    triangles with vertices on it. middle: (P,), about what is reached at the middle, times h², and control_middle: with
-    control vertices; prove nothing.
+    """The constants of P faces from which feet follow at every level.
+
+    second, fourth: (P,) float64, lengths with |n·e| ≤ second h² + fourth h⁴ =: b. reach: (P,), with ‖e‖ ≤ reach h² =:
+    w. curvature: (P,), a bound of the principal curvatures, 1 / length. speed: (P,), a bound of the change of
+    parameters per length along the surface, 1 / length. All are infinite where the face is not shown to be an
+    immersion. tilt: (P,), a bound of ‖n - n₀‖ over all n with n·n₀ = 1 along normals, of the surface and of triangles
+    with vertices on the surface. middle, control_middle: (P,), estimates of the distance at the middle, divided by h²,
+    for limit and control vertices; estimates prove nothing.
     """
 
     second: FloatArray
@@ -70,11 +72,12 @@ class FootBounds:
     control_middle: FloatArray
 
     def at(self, level: int, curvature: FloatArray, speed: FloatArray, longest: float = 1.0) -> FloatArray:
-        """(P,): B = b + κw², at least how far the level's triangles of each face are from the surface, and the surface
-        over it from the triangles of the face and of those that touch it; infinite where that is not proved.
+        """(P,): B = b + κw², a bound of the distance between the level's triangles of each face and the surface, and
+        between the surface over the face and the triangles of the face and of the faces that touch it; infinite where
+        nothing is proved.
 
-        curvature, speed: (P,), κ and α, the largest of the face and of all faces that touch it. longest: how far from
-        equal parameters feet may be, as a part of the face.
+        curvature, speed: (P,), κ and α, each the largest of the face and of all faces that touch it. longest: the
+        largest distance of feet from equal parameters, as a part of the face.
         """
         size = 0.5**level
         with np.errstate(invalid="ignore", over="ignore"):
@@ -85,7 +88,7 @@ class FootBounds:
 def foot_distances(
     along: FloatArray, reach: FloatArray, curvature: FloatArray, speed: FloatArray, longest: float
 ) -> FloatArray:
-    """(P,): B of b, w, κ and α, (P,) each; infinite where Lemma 1 does not serve. longest: as of ``FootBounds.at``."""
+    """(P,): B from b, w, κ and α, (P,) each; infinite where Lemma 1 does not hold. longest: as in ``FootBounds.at``."""
     with np.errstate(invalid="ignore", over="ignore"):
         bounds = along + curvature * reach**2
         proved = (curvature * bounds <= 0.5 - ROUNDING) & (2 * reach * speed <= longest * (1 - ROUNDING))
@@ -93,9 +96,9 @@ def foot_distances(
 
 
 def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> FootBounds:
-    """Of nets (16, 3, P) of regular faces. is_turned: (P,) bool, whether subfaces are drawn with the diagonal from
-    corner 1 to corner 3 of the face, in place of the one from 0 to 2; of control points nothing tells which is drawn,
-    and bounds are those of both."""
+    """The constants of regular faces with nets (16, 3, P). is_turned: (P,) bool, whether subfaces are drawn with the
+    diagonal from corner 1 to corner 3 of the face, in place of the diagonal from 0 to 2. With control vertices either
+    diagonal may be drawn, and the bounds hold for both."""
     frame = Frame.of(nets)
     errors, tilts = frame.errors(vertices), frame.tilts
     found = (
@@ -116,8 +119,9 @@ def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> F
 
 @dataclass(frozen=True)
 class Turns:
-    """The largest changes of S_u and S_v from those of the middle, in these: (P,) each, of S_u along S_u and S_v, and
-    of S_v along S_u and S_v. are_known: (P,) bool, whether no combination of them vanishes."""
+    """Bounds of the changes of S_u and S_v over a face, as components along S_u and S_v of the middle: (P,) each, of
+    S_u along S_u and S_v, then of S_v along S_u and S_v. are_known: (P,) bool, whether S_u and S_v are shown to be
+    independent."""
 
     uu: FloatArray
     uv: FloatArray
@@ -133,7 +137,7 @@ class Turns:
         return (self.uu < 1 - ROUNDING) & (self.vv < 1 - ROUNDING) & (self._determinant > ROUNDING)
 
     def transposed(self) -> Turns:
-        """The turns with the two mixed ones exchanged."""
+        """The turns with the two mixed components exchanged."""
         return Turns(self.uu, self.vu, self.uv, self.vv)
 
     def solve(self, first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -147,12 +151,12 @@ class Turns:
 
 @dataclass(frozen=True)
 class Frame:
-    """The middle's n₀, S_u, S_v: X = ζ n₀ + ξ S_u + η S_v.
+    """The frame n₀, S_u, S_v at the middle of each face: X = ζ n₀ + ξ S_u + η S_v.
 
-    axes: (3, 3, P), what ζ, ξ and η are products with. heights: (16, P), the nets' ζ from the middle on. highest,
-    lowest: (3, 3, P), S_uu, S_vv and S_uv, of each component; fourth: (3, P), the largest |S_uuvv|; all with what
-    rounding may hide. lengths: (2, P), of S_u and S_v. turns: of S_u and S_v over the face. is_known: (P,) bool,
-    whether the face is shown to be an immersion.
+    axes: (3, 3, P), the dual vectors that give ζ, ξ and η as dot products. heights: (16, P), ζ of the net's points,
+    seen from the middle. highest, lowest: (3, 3, P), bounds of each component of S_uu, S_vv and S_uv; fourth: (3, P),
+    of |S_uuvv|; all with rounding included. lengths: (2, P), of S_u and S_v. turns: of S_u and S_v over the face.
+    is_known: (P,) bool, whether the face is shown to be an immersion.
     """
 
     axes: FloatArray
@@ -166,7 +170,7 @@ class Frame:
 
     @staticmethod
     def of(nets: FloatArray) -> Frame:
-        """Of nets (16, 3, P)."""
+        """The frames of regular faces with nets (16, 3, P)."""
         middle, along_u, along_v = matrix_product(MIDDLE, nets.reshape(16, -1)).reshape(3, *nets.shape[1:])
         normal = _cross(along_u, along_v)
         square, squares = _dot(normal, normal), np.stack([_dot(along_u, along_u), _dot(along_v, along_v)])
@@ -179,7 +183,7 @@ class Frame:
         highest = np.stack([second[some].max(axis=0) for some in OF_SECONDS]) + rounding
         lowest = np.stack([second[some].min(axis=0) for some in OF_SECONDS]) - rounding
         fourth = np.abs(matrix_product(FOURTH, local.reshape(16, -1))).max(axis=0).reshape(middle.shape) + rounding
-        # Nothing in a face is farther than half its size from the middle, either way.
+        # Both parameters of every point of a face are within half a face of the middle.
         largest = np.maximum(highest, -lowest)
         (xi_u, xi_v), (eta_u, eta_v) = ((largest[:2, component] + largest[2, component]) / 2 for component in (1, 2))
         turns = Turns(xi_u, eta_u, xi_v, eta_v)
@@ -203,26 +207,26 @@ class Frame:
 
     @property
     def speeds(self) -> tuple[FloatArray, FloatArray]:
-        """a and b, (P,) each: the most that u and v change along a way of length 1."""
+        """a and b, (P,) each: the largest changes of u and v along a path of length 1."""
         return self.turns.transposed().solve(*self.dual_lengths)
 
     @property
     def curvature(self) -> FloatArray:
-        """κ, (P,): at least the principal curvatures."""
+        """κ, (P,): a bound of the principal curvatures."""
         a, b = self.speeds
         uu, vv, uv = self.largest[:, 0] + self.tilts[0] * self.largest[:, 1] + self.tilts[1] * self.largest[:, 2]
         found: FloatArray = uu * a * a + 2 * uv * a * b + vv * b * b
         return found
 
     def errors(self, vertices: Vertices) -> FloatArray:
-        """(3, P): |e| ≤ this times h², at every level, of each component."""
+        """(3, P): bounds of the components of e at every level, divided by h²."""
         uu, vv, uv = self.largest
         errors = (uu + vv) / 8 + uv / 4
         return errors if vertices is Vertices.LIMIT else errors + (uu + vv) / 6 + self.fourth / 36
 
 
 def along_axes(axes: FloatArray, vectors: FloatArray) -> FloatArray:
-    """(R, 3, P): vectors (R, 3, P) by their products with axes (3, 3, P)."""
+    """(R, 3, P): the dot products of vectors (R, 3, P) with axes (3, 3, P)."""
     found = np.empty_like(vectors)
     for component, axis in enumerate(axes):
         own = found[:, component]
@@ -243,7 +247,7 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _along(frame: Frame, vertices: Vertices, is_turned: BoolArray) -> FloatArray:
-    """second of ``FootBounds``, of the part along n₀ alone."""
+    """``FootBounds.second`` for the component along n₀ alone."""
     highest, lowest = frame.highest[:, 0], frame.lowest[:, 0]
     uv, least_uv = np.where(is_turned, [-lowest[2], -highest[2]], [highest[2], lowest[2]])
     above, below = _highest(highest[0], highest[1], uv), _highest(-lowest[0], -lowest[1], -least_uv)
@@ -254,8 +258,8 @@ def _along(frame: Frame, vertices: Vertices, is_turned: BoolArray) -> FloatArray
 
 
 def likely_distances(seconds: FloatArray, vertices: Vertices, is_turned: BoolArray) -> FloatArray:
-    """(…, P): how far triangles are from the surface about, times h², where S_uu, S_vv and S_uv along the normal are
-    these, (3, …, P). Proves nothing. is_turned: as of ``foot_bounds``."""
+    """(…, P): estimates of the distance of triangles from the surface, divided by h², from second derivatives along the
+    normal, S_uu, S_vv and S_uv (3, …, P). Estimates prove nothing. is_turned: as in ``foot_bounds``."""
     uu, vv, uv = seconds
     at_limit = np.stack([uu / 8, vv / 8, (uu + vv) / 8 + np.where(is_turned, -uv, uv) / 4])
     if vertices is Vertices.LIMIT:
@@ -276,8 +280,8 @@ def _highest(uu: FloatArray, vv: FloatArray, uv: FloatArray) -> FloatArray:
 
 
 def equal_bounds(nets: FloatArray, vertices: Vertices) -> FloatArray:
-    """(P,): of nets (16, 3, P) of regular faces, ‖e‖ at equal parameters at most, with either diagonal, times 4⁻ʲ for
-    the level j."""
+    """(P,): bounds of ‖e‖ at equal parameters over regular faces with nets (16, 3, P), with either diagonal; multiply
+    by 4⁻ʲ for level j."""
     points = nets - nets[5]
 
     def largest(rows: FloatArray) -> FloatArray:

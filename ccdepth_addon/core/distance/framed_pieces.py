@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces as they are seen from the corners of their triangles, and the walls of prisms beside them.
-
-docs/distance.md, Lemma 7; letters are those used there.
+"""Pieces in the frames of the corners of their triangles, and the walls of prisms beside them. docs/distance.md, Lemma
+7, has the notation.
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ from ..surface.triangle_coefficients import triangle_quarters
 from .piece_hulls import SIDES, Pieces, are_alike
 from .shells import Shell
 
-# Points this near a corner's vector, as a part of the triangle's size, count as on it; a bound counts the part besides.
+# Points within this part of the triangle's size of a corner's vector count as on the vector; bounds include the part.
 ON_VECTOR = 2.0**-36
 
-# Bounds are raised by this part, and conditions have this margin: nothing is off by as much for rounding.
+# The relative margin of bounds and conditions, above all rounding.
 ROUNDING = 2.0**-40
 
-# By how many coefficients a piece has, those of its quarters.
+# The coefficients of a piece's quarters, by the number of coefficients of the piece.
 FINER = {
     16: np.unique(np.concatenate([np.kron(one, other) for one in HALVES for other in HALVES]), axis=0),
     28: np.unique(np.concatenate(triangle_quarters()), axis=0),
@@ -34,13 +33,14 @@ FINER = {
 
 @dataclass(frozen=True)
 class FramedPieces:
-    """Pieces in the frames of their triangles. own: (P,), the triangles; turns: (P,), which corner of each counts as
-    corner 0, and which side, from there on, as side 0.
+    """P pieces in the frames of their triangles.
 
-    corners, vectors: (3, P, 3), T and N; sides: (3, P, 3), from corner k to k + 1; points: (R, P, 3), of the hulls,
-    from corner 0 on. radii: (3, P), how far any of what is drawn and of the hull is from each corner, at most.
-    on_vectors: rows of the hull that may be at corners, and for each corner whether they are on its vector, (3, n, P).
-    sizes: (P,), of the triangles. heights: (P,), the largest over the triangle's plane.
+    own: (P,), the triangles; turns: (P,), the corner of each that counts as corner 0, and the side that counts as side
+    0. corners, vectors: (3, P, 3), T and N; sides: (3, P, 3), from corner k to k + 1; points: (R, P, 3), the hull
+    points, seen from corner 0. radii: (3, P), bounds of the distance of hull and drawn points from each corner.
+    on_vectors: the rows of hull points that may be at corners, and whether each lies on the vector of each corner,
+    (3, n, P). sizes: (P,), the longest sides of the triangles. heights: (P,), the largest heights over the triangles'
+    planes.
     """
 
     own: IndexArray
@@ -58,7 +58,8 @@ class FramedPieces:
     def of(
         shell: Shell, pieces: Pieces, turns: IndexArray | None = None, rows: list[int] | None = None
     ) -> FramedPieces:
-        """rows: of the hull's points that may be at corners, those over what is drawn there by default."""
+        """The pieces of a shell in frames. rows: the hull points that may be at corners, by default those over drawn
+        corners."""
         own = pieces.triangles
         turns = np.zeros_like(own) if turns is None else turns
         corners, vectors = (
@@ -83,7 +84,7 @@ class FramedPieces:
         over_plane = dot_products(points, component_major(shell.triangles.normals[own]))
         heights = np.abs(over_plane).max(axis=0)
         if are_alike(pieces) and len(over_plane) in FINER:
-            # The surface itself is lower than its coefficients: those over quarters are nearer to it.
+            # The surface is lower than its coefficients; the coefficients over quarters are nearer to the surface.
             high = np.flatnonzero(heights > shell.ranges[own] * shell.cosines[own])
             finer = matrix_product(FINER[len(over_plane)], over_plane[:, high])
             heights[high] = np.abs(finer).max(axis=0, initial=0.0) * (1 + ROUNDING)
@@ -109,23 +110,23 @@ class FramedPieces:
         )
 
     def along(self, directions: FloatArray, corner: int) -> FloatArray:
-        """(R, P): the parts of hull points, from a corner on, along directions (P, 3)."""
+        """(R, P): the components of hull points, seen from a corner, along directions (P, 3)."""
         found = dot_products(self.points, directions)
         if corner:
             found -= dot_products(self.corners[corner] - self.corners[0], directions)
         return found
 
     def include_on_vector(self, found: BoolArray, corner: int) -> None:
-        """Make found (R, P) true of points on the vector of a corner."""
+        """Set found (R, P) to True at points on the vector of a corner."""
         rows, is_on = self.on_vectors
         found[rows] |= is_on[corner]
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A wall seen from a corner. inwards: (P, 3), the unit normal of the plane of side and vector, on the side that is
-    asked for. lengths: (P,), of the side's part across the vector. margins: (P,), so much of the distance beside the
-    vector is the product of a point of the wall with ``inwards`` at most; infinite where there is no such bound."""
+    """The wall over a side, seen from a corner. inwards: (P, 3), the unit normal of the plane of side and vector, on
+    the wanted side. lengths: (P,), of the side's component across the vector. margins: (P,), m with inwards·r ≤ m|r|
+    for points r of the wall, |r| their distance from the vector; infinite where no such bound is known."""
 
     inwards: FloatArray
     lengths: FloatArray
@@ -133,7 +134,8 @@ class Wall:
 
     @staticmethod
     def of(along: FloatArray, vector: FloatArray, other: FloatArray, ranges: FloatArray, sign: int) -> Wall:
-        """along: (P, 3), the side from the corner on; vector, other: (P, 3), there and at its end."""
+        """The walls over sides along (P, 3) from a corner on. vector, other: (P, 3), N at the corner and at the other
+        end."""
         length = lengths(along - dot_products(along, vector)[:, None] * vector)
         inwards = cross_products(vector, along) * (sign / np.maximum(length, 1e-300))[:, None]
         least = length - ranges * lengths(other - vector)
@@ -143,9 +145,8 @@ class Wall:
 
 @dataclass(frozen=True)
 class Side:
-    """A side as pieces see it from its ends, where its walls are. heights: for both ends (R, P), of hull points over
-    the planes of the walls; are_inside: (R, P) bool, whether points are on the inner side of the wall, or on its
-    vector."""
+    """A side with its walls, seen from both ends. heights: (R, P) for each end, of hull points over the plane of the
+    wall; are_inside: (R, P) bool, whether points are on the inner side of the wall, or on the vector of an end."""
 
     walls: tuple[Wall, Wall]
     heights: tuple[FloatArray, FloatArray]
@@ -163,13 +164,13 @@ class Side:
         return Side((walls[0], walls[1]), (heights[0], heights[1]), (are_inside[0], are_inside[1]))
 
     def stays_inside(self) -> BoolArray:
-        """(P,) whether no point of a piece is beyond."""
+        """(P,) bool: whether no point of a piece is beyond the side."""
         first, second = self.are_inside
         found: BoolArray = first.all(axis=0) | second.all(axis=0)
         return found
 
     def at(self, chosen: IndexArray) -> Side:
-        """The side as chosen pieces see it, by index."""
+        """The side for chosen pieces, by index."""
         first, second = (Wall(each.inwards[chosen], each.lengths[chosen], each.margins[chosen]) for each in self.walls)
         heights, are_inside = self.heights, self.are_inside
         return Side(
@@ -180,8 +181,8 @@ class Side:
 
 
 def are_in_front(seen: FramedPieces, sides: Sequence[Side]) -> BoolArray:
-    """(P,) whether at every corner all points are in front of it, where the triangle is: the unit normals of both walls
-    there add up to a vector between the sides."""
+    """(P,) bool: whether all points are in front of every corner, on the triangle's side. The unit normals of both
+    walls at a corner add up to a vector between the sides."""
     found = np.ones(len(seen.own), dtype=bool)
     for corner in range(3):
         in_front = sides[corner].heights[0] + sides[corner - 1].heights[1] > ROUNDING * seen.sizes
@@ -191,22 +192,22 @@ def are_in_front(seen: FramedPieces, sides: Sequence[Side]) -> BoolArray:
 
 
 def off_side(seen: FramedPieces, side: int) -> FloatArray:
-    """(R, P): how far hull points are from the line of a side."""
+    """(R, P): the distances of hull points from the line of a side."""
     points = seen.points - (seen.corners[side] - seen.corners[0])
     along = units(seen.sides[side])
     return lengths(points - dot_products(points, along)[..., None] * along)
 
 
 def slid_along(seen: FramedPieces, side: int, ranges: FloatArray) -> FloatArray:
-    """(P,): how far a point of a wall is from its own along the side, seen across it, at most."""
+    """(P,): bounds of the shift along a side between a point of the wall and its foot on the side."""
     along = units(seen.sides[side])
     first, second = (np.abs(dot_products(along, seen.vectors[k % 3])) for k in (side, side + 1))
     return ranges * np.maximum(first, second)
 
 
 def wall_plane(shell: Shell, triangles: IndexArray, side: int, ranges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3), (n,): unit normals of planes through sides of triangles, inwards, and how far the walls are from these
-    at most."""
+    """(n, 3), (n,): unit normals of planes through sides of triangles, inwards, and bounds of the walls' distance from
+    these planes."""
     corners, vectors = (
         component_major(each[triangles].swapaxes(0, 1)) for each in (shell.triangles.corners, shell.triangles.vectors)
     )

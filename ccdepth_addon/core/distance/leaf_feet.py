@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distances of single regular leaves: feet on the surface, from the triangles as they are.
+"""Distances of single regular leaves by feet on the surface, from the leaf's own triangles.
 
-What ``foot_bounds`` has from second derivatives is here T - S itself, in Bernstein form over the parts of the leaf's
-quarters that lie over one triangle, each seen in the frame of its quarter's middle. docs/distance.md, Single leaves.
+Where ``foot_bounds`` uses second derivatives, this module bounds T - S itself, in Bernstein form over the part of each
+quarter of the leaf over one triangle, in the frame of the quarter's middle. docs/distance.md, Single leaves.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from .foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, foot_distances
 
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
-# The leaf's two triangles, of its corners; and the net's points at the corners.
+# The corners of the leaf's two triangles, and the net's points at the corners.
 TRIANGLES = [0, 1, 2], [0, 2, 3]
 AT_CORNERS = [5, 9, 10, 6]
 
-# Which coefficients of degree 6 over a triangle are points of it.
+# The coefficients of degree 6 over a triangle that are points of the surface.
 ENDS = [0, 21, 27]
 
 
 @dataclass(frozen=True)
 class _Quarter:
-    """net: (16, 16), of a quarter of a leaf. errors: (R, 16), the Bernstein coefficients of T - S over each triangle
-    there; the first ``ends`` of them are values."""
+    """Functionals of a leaf's net for a quarter. net: (16, 16), the quarter's net. errors: (R, 16), the Bernstein
+    coefficients of T - S over each triangle there; the first ``ends`` of them are values."""
 
     net: FloatArray
     errors: FloatArray
@@ -42,7 +42,7 @@ class _Quarter:
 
 @cache
 def _quarters(vertices: Vertices) -> list[_Quarter]:
-    """Of a leaf drawn with the diagonal from corner 0 to 2."""
+    """The quarters of a leaf drawn with the diagonal from corner 0 to 2."""
     drawn = np.eye(16)[AT_CORNERS] if vertices is Vertices.CONTROL else NET_TO_BERNSTEIN[CORNERS]
     found = []
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -62,11 +62,10 @@ def _quarters(vertices: Vertices) -> list[_Quarter]:
 def leaf_feet(
     nets: FloatArray, vertices: Vertices, curvature: FloatArray, speed: FloatArray, longest: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(P,) each, of nets (16, 3, P) of regular leaves drawn with the diagonal from corner 0 to 2: B, as of
-    ``FootBounds.at``; the same where feet are farther from equal parameters than ``longest``, up to 1; and what is
-    reached of it at points of the triangles, about, which proves nothing.
-
-    curvature, speed: (P,), κ and α of all of the surface that is nearer than feet may be.
+    """(P,) each, for nets (16, 3, P) of regular leaves drawn with the diagonal from corner 0 to 2: B, as in
+    ``FootBounds.at``, with feet up to 1 from equal parameters; B with feet up to ``longest``; and an estimate of the
+    largest distance at points of the triangles, without proof. curvature, speed: (P,), κ and α of all of the surface
+    within reach of feet.
     """
     nets = nets - matrix_product(MIDDLE[:1], nets.reshape(16, -1)).reshape(1, *nets.shape[1:])
     along, reach, reached = np.zeros((3, nets.shape[2]))

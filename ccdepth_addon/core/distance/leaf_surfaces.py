@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The surface over a level's quads, as tiles: bicubic over square parts of their parameters, and hulls of what is left.
+"""The surface over a level's quads as tiles: bicubic tiles over squares of their parameters, and hulls of the rest.
 
-A regular quad is one tile. Around an extraordinary vertex there are three at every level of subdivision; what is left
-after some levels lies in the hull of its control points, as limit points are averages of these. A quad of any other
-kind is refined until its parts are of these kinds; what is left then lies in the hull of the control points around.
+A regular quad is one tile. Around an extraordinary vertex each level of subdivision adds three tiles; the rest after
+some levels lies in the hull of its control points, as limit points are averages of control points. A quad of any other
+kind is refined into parts of these two kinds; the rest lies in the hull of the control points around.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from ..surface.refinement import Refinement
 from ..surface.squares import QUARTER_TURN, SQUARE, Squares
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 
-# What is left at an extraordinary vertex shrinks by 0.41 a level for valence 3, and by up to 0.68 for others: more
+# The rest at an extraordinary vertex shrinks by 0.41 a level for valence 3, and by up to 0.68 for other valences: more
 # levels than these are beyond double precision.
 MOST_LEVELS_3, MOST_REFINED_LEVELS = 8, 14
 
-# Hulls have more points than what is drawn there has corners: as many would count as coefficients.
+# The least number of points of a hull: fewer would be taken for coefficients.
 LEAST_OF_HULLS = 5
 
-# The corners of a box, by which end each has along every axis.
+# The corners of a box, each by its end along every axis.
 BOX_CORNERS = np.array(list(product((0, 1), repeat=3)))
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """P parts of the surface over squares whose bases are quads. points: (R, P, 3), 16 Bernstein coefficients or any
-    points whose hull holds the part. are_bicubic: whether they are coefficients."""
+    """P parts of the surface over squares of quads' parameters. points: (R, P, 3), 16 Bernstein coefficients, or any
+    points whose hull holds the part. are_bicubic: whether the points are coefficients."""
 
     squares: Squares
     points: FloatArray
@@ -60,8 +60,8 @@ def joined_tiles(tiles: list[Tiles], are_bicubic: bool = True) -> Tiles:
 
 
 def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
-    """Tiles of a refinement's quads, the bases of the squares by their index. levels: how many there are around
-    extraordinary vertices, and of refinement, at most."""
+    """The tiles of a refinement's quads; the squares' bases are indices of the quads. levels: the largest number of
+    levels of tiles around extraordinary vertices, and of refinement."""
     squares = Squares.whole(len(refinement.bases))
     last_level = min(levels, MOST_REFINED_LEVELS)
     for level in range(last_level + 1):
@@ -96,9 +96,9 @@ def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
 
 
 def support_points(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
-    """(R, P, 3): points whose hull holds the surface over each of some faces, as its points are averages of control
-    points of all faces that touch it: these, but at vertices of large valence the corners of a box around them. What
-    one has less of is repeated."""
+    """(R, P, 3): points whose hull holds the surface over each face: the control points of all faces that touch the
+    face, or at vertices of large valence the corners of a box around these points. Shorter lists are padded by
+    repeating a point."""
     order = np.argsort(mesh.corner_vertices, kind="stable")
     counts = mesh.vertex_face_counts
     starts = np.cumsum(counts) - counts
@@ -136,14 +136,14 @@ def _box_around(mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
 
 
 def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
-    """Squares, counted from other corners (P,) on."""
+    """The squares with other corners (P,) as corner 0."""
     origins = squares.origins + np.einsum("pi,pij->pj", SQUARE[corners], squares.axes)
     turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)])
     return Squares(squares.bases, origins, turns[corners] @ squares.axes)
 
 
 def tiles_around_vertex(nets: FloatArray, valence: int, squares: Squares, levels: int) -> Iterator[Tiles]:
-    """Tiles of nets (2n + 8, P, 3) whose extraordinary vertices are the corners 0 of the squares."""
+    """The tiles of nets (2n + 8, P, 3) around extraordinary vertices at corners 0 of the squares."""
     for _ in range(min(levels, MOST_LEVELS_3) if valence == 3 else levels):
         stencils = patch_stencils(valence)
         children = squares.children()

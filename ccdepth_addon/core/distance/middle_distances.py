@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The least distances of points near the middles of regular faces from all that a level draws over the same face.
-
-docs/distance.md, Least depths: planes of the triangles there, and the rate at which the level's points go apart.
+"""Lower bounds of the distance between points near the middles of regular faces and a level's triangles over the same
+face, from the planes of the triangles nearby and the rate at which points of the level separate. docs/distance.md,
+Least depths.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from ..surface.bicubic import HALVES, NET_TO_BERNSTEIN, SECOND_DIFFERENCE, SPLIN
 from ..surface.evaluation import spline_weights
 from .foot_bounds import LARGEST_TILT, LEAST_SINE, MIDDLE, MIDDLE_SECONDS, ROUNDING, Turns, likely_distances
 
-# Vertices of a level around the middle of a face, in leaves from there on; and for each sample its place, how far from
-# it in parameters other triangles are at least, and the triangles between.
+# The vertices of a level around the middle of a face, in leaves from the middle on; and for each sample its place, the
+# triangles nearby, and the least distance of all other triangles in parameters.
 AROUND = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (-1, 0), (-1, -1), (0, -1)])
 SAMPLES = (
     ((0.5, 0.5), 0.5, [(0, 1, 2), (0, 2, 3)]),
@@ -36,7 +36,7 @@ OF_LEVEL_0 = SAMPLES[:1]
 PART = HALVES[0] @ HALVES[1] @ SPLINE_TO_BERNSTEIN
 PART_ROWS = tensor(PART, PART)
 
-# (40, 16): of a net the Bernstein coefficients and the points at the corners; then S_uu, S_vv and S_uuvv.
+# (40, 16): the Bernstein coefficients of a net, its points at the corners, and S_uu, S_vv and S_uuvv.
 OF_HULLS = 20
 HULLS_AND_SECONDS = np.concatenate(
     [
@@ -48,7 +48,7 @@ HULLS_AND_SECONDS = np.concatenate(
     ]
 )
 
-# The parts of a face; (16, 16, 16): their nets; (80, 16): S_u, S_v, S_uu, S_vv and S_uv at their middles.
+# The 16 parts of a face; (16, 16, 16): their nets; (80, 16): S_u, S_v, S_uu, S_vv and S_uv at their middles.
 PARTS = 16
 QUARTERS = [one @ other for other in SPLINE_HALVES for one in SPLINE_HALVES]
 PART_NETS = np.array([np.kron(one, other) for one in QUARTERS for other in QUARTERS])
@@ -56,10 +56,9 @@ PART_MIDDLES = (np.concatenate([MIDDLE[1:], MIDDLE_SECONDS]) @ PART_NETS).swapax
 
 
 def middle_distances(nets: FloatArray, rates: FloatArray, level: int, vertices: Vertices) -> FloatArray:
-    """(P,) of nets (4, 4, P, 3) of regular faces: how far a point of the surface is at least from the triangles of a
-    level over the same face.
-
-    The largest found of some points of ``middle_parts``. rates: (P,), as of ``rates_of``.
+    """(P,): for regular faces with nets (4, 4, P, 3), the largest lower bound, over some points of ``middle_parts``, of
+    the distance from a point of the surface to the triangles of a level over the same face. rates: (P,), from
+    ``rates_of``.
     """
     points = nets.reshape(16, -1, 3)
     size = 0.5**level
@@ -89,8 +88,8 @@ def middle_distances(nets: FloatArray, rates: FloatArray, level: int, vertices: 
 
 
 def most_curved_parts(nets: FloatArray) -> FloatArray:
-    """(4, 4, P, 3): of nets (4, 4, P, 3) of regular faces those of one of their 16 parts each, on which a level's
-    triangles are farthest from the surface, about."""
+    """(4, 4, P, 3): for each regular face with nets (4, 4, P, 3) the net of the one of its 16 parts with the largest
+    estimated distance between triangles and surface."""
     uu, vv, uv = part_seconds(np.ascontiguousarray(nets.reshape(16, -1, 3).swapaxes(1, 2)))
     heights = np.max(np.abs([uu, vv, uu + vv + 2 * uv, uu + vv - 2 * uv]), axis=0)
     chosen = heights.argmax(axis=0)
@@ -113,8 +112,8 @@ def part_seconds(nets: FloatArray) -> FloatArray:
 
 
 def likely_at_parts(nets: FloatArray, level: int, vertices: Vertices, is_turned: BoolArray) -> FloatArray:
-    """(P,): how far the triangles of a level, 1 or later, are about from the surface over faces with nets (16, 3, P).
-    Proves nothing. is_turned: as of ``foot_bounds``."""
+    """(P,): estimates of the distance between the triangles of a level, 1 or later, and the surface over faces with
+    nets (16, 3, P). Estimates prove nothing. is_turned: as in ``foot_bounds``."""
     seconds = part_seconds(nets)
     if level == 1:
         # Leaves have four parts each.
@@ -123,22 +122,22 @@ def likely_at_parts(nets: FloatArray, level: int, vertices: Vertices, is_turned:
 
 
 def middle_parts(nets: FloatArray) -> FloatArray:
-    """(16, P, 3): points whose hull holds the surface over parameters from a half to three quarters, of nets
-    (4, 4, P, 3)."""
+    """(16, P, 3): points whose hull holds the surface of nets (4, 4, P, 3) over parameters from a half to three
+    quarters."""
     return transformed_nets(PART_ROWS, nets.reshape(16, -1, 3))
 
 
 def tight_boxes(nets: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(P, 3) twice, boxes that hold the surface over regular faces with nets (4, 4, P, 3), and every level's vertices
-    and triangles there."""
+    """(P, 3) twice: the corners of boxes that hold the surface, and every level's vertices and triangles, over regular
+    faces with nets (4, 4, P, 3)."""
     hull, seconds = _hulls(nets)
     beyond = _beyond(*(np.abs(each).max(axis=0) for each in seconds))
     return hull.min(axis=0) - beyond, hull.max(axis=0) + beyond
 
 
 def are_apart(nets: FloatArray, hulls: FloatArray, reach: float) -> BoolArray:
-    """(P,) bool: hulls of points (R, P, 3) farther than the reach from every level over regular faces with nets
-    (4, 4, P, 3), as a plane between them shows."""
+    """(P,) bool: whether a plane proves that hulls of points (R, P, 3) are farther than the reach from every level over
+    regular faces with nets (4, 4, P, 3)."""
     others, seconds = _hulls(nets)
     beyond = _beyond(*(np.sqrt(squared_norms(each).max(axis=0)) for each in seconds))
     centre = others.mean(axis=0)
@@ -162,9 +161,9 @@ def _beyond(uu: FloatArray, vv: FloatArray, both: FloatArray) -> FloatArray:
 
 
 def rates_of(nets: FloatArray, condition: float) -> FloatArray:
-    """(P,): two points of a level over a face whose parameters differ by Δ are at least this times Δ apart, of nets
-    (4, 4, P, 3) of regular faces; not above zero where that is not known, or whether diagonals are drawn from corner 0
-    to 2. condition: of the axes of the object's space.
+    """(P,): rates r for regular faces with nets (4, 4, P, 3): two points of a level whose parameters differ by Δ are at
+    least rΔ apart. A rate is not above zero where nothing is known, or where the other diagonal may be drawn.
+    condition: of the axes of the object's space.
 
     As in ``foot_bounds``, with T in place of S (docs/distance.md, Lemma 4): on every triangle T_u is an average of the
     net's differences along u, and T_v along v.
@@ -191,13 +190,14 @@ def rates_of(nets: FloatArray, condition: float) -> FloatArray:
 
 
 def _value_rows(places: FloatArray) -> FloatArray:
-    """(n, 16): functionals of nets, the surface at parameters (n, 2)."""
+    """(n, 16): the functionals of a net that give the surface at parameters (n, 2)."""
     along, across = (spline_weights(each) for each in places.T)
     return np.einsum("in,jn->nij", along, across).reshape(-1, 16)
 
 
 def _vertex_rows(places: FloatArray, size: float, vertices: Vertices) -> FloatArray:
-    """(n, 16): functionals of nets, the vertices of a level whose leaves have this size, at parameters (n, 2)."""
+    """(n, 16): the functionals of a net that give a level's vertices at parameters (n, 2). size: of the level's
+    leaves."""
     if vertices is Vertices.LIMIT:
         return _value_rows(places)
     rows = []

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of the surface over parts of triangles, as hulls of points, and what is drawn there.
-
-Hulls and what is drawn are component-major (``vectors``): one number of all pieces after the other.
+"""Pieces of the surface over parts of triangles, as hulls of points, with the drawn points there. Hulls and drawn
+points are component-major (``vectors``).
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ import numpy as np
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import joined_vectors, lengths, selected_vectors, transformed_nets
 
-# The sides of squares, and of triangles, by how many points are drawn there: where their corners are among these, and
-# which points are on them. Of four points the hull is another.
+# The sides of squares and triangles, by the number of drawn points: the corners of each side among the points, and the
+# points on the side. Four drawn points have a hull of another order.
 SIDES: dict[int, list[tuple[int, int, list[int]]]] = {
     3: [(0, 1, [0, 1]), (1, 2, [1, 2]), (2, 0, [2, 0])],
     4: [(0, 1, [0, 1]), (1, 2, [1, 2]), (2, 3, [2, 3]), (3, 0, [3, 0])],
@@ -27,8 +26,8 @@ SIDES: dict[int, list[tuple[int, int, list[int]]]] = {
 @dataclass(frozen=True)
 class Pieces:
     """P pieces of the surface. triangles: (P,) intp, of a shell. hulls: (R, P, 3), points whose hull holds the piece.
-    flats: (R', P, 3), points of the triangle's plane whose hull holds what is drawn at equal parameters; R' is R where
-    they are coefficients as well, of the same order."""
+    flats: (R', P, 3), points of the triangle's plane whose hull holds the drawn points at equal parameters; R' is R
+    where both are coefficients of the same order."""
 
     triangles: IndexArray
     hulls: FloatArray
@@ -46,8 +45,8 @@ class Pieces:
         return Pieces(np.concatenate([each.triangles for each in pieces]), hulls, flats)
 
     def divided(self, parts: Sequence[FloatArray]) -> Pieces:
-        """Parts of pieces: all first ones, then all second ones and so on. parts: (R, R) each, from a piece's
-        coefficients to those of a part of it."""
+        """The parts of pieces: all first parts, then all second parts, and so on. parts: (R, R) each, from the
+        coefficients of a piece to the coefficients of a part."""
         return Pieces.joined(
             [
                 Pieces(self.triangles, *(transformed_nets(rows, each) for each in (self.hulls, self.flats)))
@@ -57,17 +56,17 @@ class Pieces:
 
 
 def are_alike(pieces: Pieces) -> bool:
-    """Whether what is drawn are coefficients of the same order as the hulls."""
+    """Whether the drawn points are coefficients of the same order as the hulls."""
     return len(pieces.hulls) == len(pieces.flats)
 
 
 def all_points(pieces: Pieces) -> FloatArray:
-    """(R + R', P, 3): the points of hulls, and what is drawn."""
+    """(R + R', P, 3): the points of hulls, and the drawn points."""
     return np.concatenate([each.swapaxes(1, 2) for each in (pieces.hulls, pieces.flats)]).swapaxes(1, 2)
 
 
 def off_at_equal(pieces: Pieces) -> FloatArray:
-    """(P,): how far pieces are from what is drawn at equal parameters, at most."""
+    """(P,): bounds of the distance between pieces and drawn points at equal parameters."""
     if are_alike(pieces):
         return lengths(pieces.hulls - pieces.flats).max(axis=0)
     return np.max([lengths(pieces.hulls - each).max(axis=0) for each in pieces.flats], axis=0)

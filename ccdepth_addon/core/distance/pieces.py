@@ -15,19 +15,19 @@ from .piece_hulls import Pieces, off_at_equal
 from .shell_bounds import shell_bounds
 from .shells import Shell
 
-# How often pieces are halved both ways before what they are of is given up, and from which time on what has too many
-# more open pieces than the time before is given up as well. A curve on which places are not proved meets twice as many
-# pieces each time, and single points no more.
+# The number of times pieces are halved both ways before their base is given up, and the first time at which a base is
+# given up for too many more open pieces than before. A curve without proved places meets twice as many pieces each
+# time, a single point no more.
 SPLITS, SETTLED_AT = 5, 2
 
-# The same at equal parameters.
+# The number of times pieces are halved at equal parameters.
 SPLITS_AT_EQUAL = 2
 
 
 @dataclass(frozen=True)
 class Form:
-    """The kind of hull that pieces have. values: which of its points are points of the surface. quarters: four (R, R),
-    from the coefficients of a piece to those of its quarters; none where it can't be divided."""
+    """The kind of hull of pieces. values: the hull points on the surface. quarters: four (R, R), from the coefficients
+    of a piece to the coefficients of its quarters; none where pieces cannot be divided."""
 
     values: IndexArray
     quarters: tuple[FloatArray, ...]
@@ -49,8 +49,9 @@ def include_pieces(
     *,
     growth: float,
 ) -> None:
-    """Raise what is found (n,) to the bounds of pieces, by their bases (P,); infinite where no bound within the limit
-    is proved. off_beyond: as of ``shell_bounds``. growth: the largest factor by which open pieces may become more."""
+    """Raise the bounds found (n,) of bases to the bounds of their pieces; infinite where no bound within the limit is
+    proved. bases: (P,), of the pieces. off_beyond: as in ``shell_bounds``. growth: the largest factor by which the
+    number of open pieces may grow."""
     before = np.full(len(found), np.inf)
     for split in range(SPLITS + 1):
         beyond = _heights_at(shell, form.values, pieces) > limit
@@ -74,7 +75,7 @@ def include_pieces(
 
 
 def include_at_equal(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limit: float) -> None:
-    """Raise what is found (n,) to distances at equal parameters, as in ``include_pieces``."""
+    """Raise the bounds found (n,) to distances at equal parameters, as in ``include_pieces``."""
     for split in range(SPLITS_AT_EQUAL + 1):
         off = off_at_equal(pieces)
         is_open = off > limit
@@ -90,7 +91,7 @@ def include_at_equal(found: FloatArray, bases: IndexArray, pieces: Pieces, form:
 
 
 def _heights_at(shell: Shell, values: IndexArray, pieces: Pieces) -> FloatArray:
-    """(P,): the largest height over the planes that points of the surface reach: values among the hull points."""
+    """(P,): the largest heights over the triangles' planes among values, the hull points on the surface."""
     if not len(values):
         return np.zeros(len(pieces.triangles))
     triangles = shell.triangles

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The largest distances of the surface from the triangles of a shell, in the shell: piece by piece, by convex hulls.
+"""Bounds of the distance between the surface and the triangles of a shell, piece by piece, by convex hulls.
 
-A piece is a part of the surface over a part of one triangle. Every point of it has a place in the shell, over the
-triangle or one that shares a side with it, or near a corner over one that shares the corner; its distance along the
-shell's vectors is at most the height over that triangle's plane by a cosine. docs/distance.md, Lemmas 5 to 8; letters
-are those used there.
+A piece is a part of the surface over a part of one triangle. Every point of a piece has a place in the shell: over the
+triangle or a triangle across a side, or near a corner over a triangle that shares the corner. The distance along the
+shell's vectors is at most the height over the plane of the place's triangle, divided by a cosine. docs/distance.md,
+Lemmas 5 to 8, has the notation.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from .side_bounds import raised_at_sides
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def shell_bounds(shell: Shell, pieces: Pieces, off_beyond: FloatArray | None = None) -> FloatArray:
-    """(P,): at least how far all points of each piece are from the points of the triangles at their places, and those
-    of its curves over closed sides from points of these sides; infinite where no place within the shell is proved.
+    """(P,): bounds of the distance between the points of each piece and their places on the triangles, and between its
+    curves over closed sides and these sides; infinite where no place within the shell is proved.
 
-    off_beyond: (M, 3), how far the surface is at most from what is drawn beyond sides where it is compared at equal
-    parameters, infinite at other sides; ways to what is compared there count as well (docs/distance.md, Lemma 10).
+    off_beyond: (M, 3), bounds of the distance between surface and triangles beyond each side with a comparison at equal
+    parameters or by feet, infinite at other sides; bounds include the strips beside these sides (docs/distance.md,
+    Lemma 10).
     """
     own = pieces.triangles
     seen = FramedPieces.of(shell, pieces)
-    # A thin shell has the least margins, if it is thick enough.
+    # A thin shell has the smallest margins, if the piece fits.
     thin = np.minimum(RANGE_FOR_HEIGHT * seen.heights / shell.cosines[own], shell.ranges[own])
     bounds = bounds_beside(shell, seen, thin)
     rest = np.flatnonzero(np.isinf(bounds))

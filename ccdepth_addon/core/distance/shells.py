@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A shell: the triangles that a level is drawn as, thickened along vectors at their vertices.
+"""A shell: the drawn triangles of a level, thickened along vectors at their vertices.
 
 A point of the shell is T(p) + s N(p), where T and N are linear on every triangle, and |s| is at most the triangle's
-range. Each triangle has a prism, and prisms meet in walls over the sides. Where the prisms are not turned inside out,
-and go once around every vertex, every path near the triangles has one place in the shell. docs/distance.md, Shells.
-
-Triangles beyond the first M are flaps: each continues the triangle at a closed side, in its plane.
+range. Each triangle has a prism, and prisms meet in walls over the sides. If no prism is turned inside out, and the
+prisms go once around every vertex, every path near the triangles has a unique place in the shell. docs/distance.md,
+Shells. Triangles beyond the first M are flaps: each flap continues the triangle at a closed side, in its plane.
 """
 
 from __future__ import annotations
@@ -17,21 +16,19 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, sums_by_index, units
 
-# Vectors may be this far from the normals of the triangles at them, as a cosine.
+# The least cosine between a vector and the normals of the triangles around.
 LEAST_COSINE = 0.05
 
-# Prisms are used up to this part of the range at which they might be turned inside out.
+# The part of the range at which a prism might be turned inside out that the shell uses.
 RANGE_SHARE = 0.9
 
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles, then flaps. T in all, the first M no flaps.
-
-    corners, vectors: (T, 3, 3), T(p) and N(p) at the corners. normals: (T, 3), unit vectors. vertices: (M, 3) intp, cut
-    along closed sides; origins: (V,) intp, those before they were cut.
-    across: (M, 3) intp, the triangle across each side, from corner k to k + 1; apexes: (M, 3) intp, which of its
-    corners is opposite. is_closed: (M, 3) bool, sides where that is a flap.
+    """T triangles of a shell: M triangles, then flaps. corners, vectors: (T, 3, 3), T(p) and N(p) at the corners.
+    normals: (T, 3), unit vectors. vertices: (M, 3) intp, with vertices duplicated along closed sides; origins: (V,)
+    intp, the original vertices. across: (M, 3) intp, the triangle across each side, from corner k to k + 1; apexes:
+    (M, 3) intp, the opposite corner of the triangle across. is_closed: (M, 3) bool, sides with a flap across.
     """
 
     corners: FloatArray
@@ -45,8 +42,8 @@ class Triangles:
 
     @staticmethod
     def of(corners: FloatArray, vertices: IndexArray) -> Triangles:
-        """M triangles, (M, 3, 3), and their vertices (M, 3), joined at sides that exactly two have, of one orientation,
-        with flaps at all others. Vectors are mean normals."""
+        """The triangles with corners (M, 3, 3) and vertices (M, 3), joined at sides of exactly two triangles of one
+        orientation, with flaps at all other sides. Vectors are mean normals."""
         across, apexes, is_closed = _neighbours(vertices)
         normals = units(cross_products(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
         vertices, origins = _cut(vertices, across, apexes, is_closed)
@@ -75,12 +72,12 @@ class Triangles:
 def _cut(
     vertices: IndexArray, across: IndexArray, apexes: IndexArray, is_closed: BoolArray
 ) -> tuple[IndexArray, IndexArray]:
-    """Vertices (M, 3), one for all triangles around that are joined at sides that are not closed; and (V,) which of the
-    given ones each is."""
+    """(M, 3): the vertices, duplicated so that each belongs to triangles joined at open sides; and (V,): the original
+    of each."""
     at_border = np.zeros(int(vertices.max(initial=-1)) + 1, dtype=bool)
     own, side = np.nonzero(is_closed)
     at_border[vertices[own, side]] = at_border[vertices[own, (side + 1) % 3]] = True
-    # Corners of one vertex have one label: elsewhere that of the vertex.
+    # Corners of one vertex have one label.
     labels = np.where(at_border[vertices], len(at_border) + np.arange(vertices.size).reshape(-1, 3), vertices)
     own, side = np.nonzero(~is_closed & (at_border[vertices] | at_border[np.roll(vertices, -1, axis=1)]))
     there, apex = across[own, side], apexes[own, side]
@@ -88,7 +85,7 @@ def _cut(
     while True:
         before = labels.copy()
         for first, second in pairs:
-            # Sides of triangles that are not known have another vertex there.
+            # The vertices at sides of unknown triangles differ.
             same = vertices[first] == vertices[second]
             np.minimum.at(labels, tuple(each[same] for each in first), labels[second][same])
         if np.array_equal(before, labels):
@@ -98,8 +95,8 @@ def _cut(
 
 
 def _neighbours(vertices: IndexArray) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """across, apexes and is_closed of ``Triangles``, of triangles (M, 3): sides are open where exactly two meet, of one
-    orientation."""
+    """``Triangles.across``, ``apexes`` and ``is_closed`` of triangles (M, 3): a side is open between exactly two
+    triangles of one orientation."""
     count = int(vertices.max(initial=-1)) + 1
     ends = np.stack([vertices.ravel(), np.roll(vertices, -1, axis=1).ravel()])
     keys = ends.min(axis=0) * count + ends.max(axis=0)
@@ -117,7 +114,7 @@ def _neighbours(vertices: IndexArray) -> tuple[IndexArray, IndexArray, BoolArray
 def _flaps(
     corners: FloatArray, vectors: FloatArray, normals: FloatArray, own: IndexArray, side: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Corners and vectors (n, 3, 3) of the flaps at sides of triangles: half a square, as high as half the side."""
+    """The corners and vectors (n, 3, 3) of the flaps at sides of triangles, each half as high as its side is long."""
     end, start = (own, (side + 1) % 3), (own, side)
     along = corners[end] - corners[start]
     outwards = units(cross_products(along, normals[own])) * lengths(along)[:, None] / 2
@@ -131,13 +128,14 @@ def _flaps(
 
 @dataclass(frozen=True)
 class Shell:
-    """Triangles with what the shell over them allows.
+    """The triangles of a shell with the ranges of their prisms.
 
-    cosines: (T,), the least between a triangle's normal and its vectors. ranges: (M,), the largest |s| for paths that
-    begin at a triangle, at most ``limit``; 0 where the shell is of no use. radii: (V,), how far the sides opposite to
-    each vertex are; least_cosines: (V,), of the triangles at each. mean_normals: (V, 3), spreads: (V,): a direction,
-    and how far the normals of the triangles at each vertex are from it. is_border: (V,) bool, vertices of closed sides.
-    star_starts: (V + 1,) intp, and star_triangles: the triangles at each vertex, one vertex after the other.
+    cosines: (T,), the least cosine between a triangle's normal and its vectors. ranges: (M,), the largest |s| for paths
+    that begin at a triangle, at most ``limit``; 0 where the shell proves nothing. radii: (V,), the distance of each
+    vertex from the opposite sides; least_cosines: (V,), the least of the triangles at each vertex. mean_normals:
+    (V, 3), spreads: (V,), the mean normal of the triangles at each vertex, and a bound of their distance from the mean.
+    is_border: (V,) bool, vertices of closed sides. star_starts: (V + 1,) intp, and star_triangles: the triangles at
+    each vertex, vertex by vertex.
     """
 
     triangles: Triangles
@@ -153,8 +151,8 @@ class Shell:
 
     @staticmethod
     def of(triangles: Triangles, is_whole: BoolArray, limit: float) -> Shell:
-        """is_whole: by vertices before they were cut, whether all that is around is among the triangles, or beyond
-        closed sides. limit: no larger distance is of use."""
+        """The shell over triangles. is_whole: whether all triangles around an original vertex are given, or beyond
+        closed sides. limit: the largest distance of use."""
         cosines = dot_products(triangles.normals[:, None], triangles.vectors).min(axis=1)
         prism_ranges = np.where(cosines > LEAST_COSINE, np.minimum(_prism_ranges(triangles), limit), 0.0)
         stars = _Stars.of(triangles, is_whole[triangles.origins], prism_ranges)
@@ -173,8 +171,8 @@ class Shell:
 # Where vectors are parallel there is no such range.
 @np.errstate(over="ignore")
 def _prism_ranges(triangles: Triangles) -> FloatArray:
-    """(T,): the |s| up to which a prism is not turned inside out: N · (T_u + s N_u) × (T_v + s N_v) > 0 at its corners,
-    and so everywhere in it."""
+    """(T,): the largest |s| up to which a prism is not turned inside out: N · (T_u + s N_u) × (T_v + s N_v) > 0 at the
+    corners, and so in the whole prism."""
     (along, across), (turn, other_turn) = (
         (each[:, 1] - each[:, 0], each[:, 2] - each[:, 0]) for each in (triangles.corners, triangles.vectors)
     )
@@ -189,9 +187,9 @@ def _prism_ranges(triangles: Triangles) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Stars:
-    """The triangles at each of V vertices. ranges: (V,), the least of their prisms' ranges, 0 where some are not known
-    or they do not go once around; distances: (V,), of the opposite sides, at least; starts, triangles, is_border: as
-    of ``Shell``."""
+    """The triangles at each of V vertices. ranges: (V,), the least range of their prisms, 0 where triangles are unknown
+    or do not go around once; distances: (V,), lower bounds of the distance of the opposite sides; starts, triangles,
+    is_border: as in ``Shell``."""
 
     ranges: FloatArray
     distances: FloatArray
@@ -215,15 +213,15 @@ class _Stars:
         np.minimum.at(distances, vertices, distance)
         is_border = np.zeros(count, dtype=bool)
         is_border[flap_vertices.ravel()] = True
-        # Angles that are all less than a half turn go around a vertex inside a whole number of times.
+        # Angles below a half turn go around an inner vertex a whole number of times.
         goes_once = angles < np.where(is_border, 2 * np.pi * (1 - 2.0**-20), 3 * np.pi)
         starts = np.concatenate([[0], np.cumsum(np.bincount(vertices, minlength=count))])
         return _Stars(np.where(is_whole & goes_once, ranges, 0.0), distances, is_border, starts, which)
 
 
 def _at_corners(triangles: Triangles, which: IndexArray, corners: IndexArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) each: of some triangles at a corner each the angle, seen along the vector there; and how far the opposite
-    side is."""
+    """(n,) each: the angles of triangles at given corners, seen along the vectors there; and the distances of the
+    opposite sides."""
     points, vector = triangles.corners[which, corners], triangles.vectors[which, corners]
     following = triangles.corners[which, (corners + 1) % 3] - points
     before = triangles.corners[which, (corners + 2) % 3] - points

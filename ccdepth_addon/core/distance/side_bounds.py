@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds of the curves of pieces over closed sides, and beside what is compared at equal parameters or by feet.
-
+"""Bounds of the curves of pieces over closed sides, and over sides to leaves compared at equal parameters or by feet.
 docs/distance.md, Closed sides and Lemma 10.
 """
 
@@ -16,14 +15,14 @@ from .framed_pieces import ON_VECTOR, ROUNDING, FramedPieces, Side, are_in_front
 from .piece_hulls import SIDES, Pieces, are_alike, off_at_equal
 from .shells import Shell
 
-# Of coordinates, relative: more than a point of a triangle is off by.
+# A relative margin of coordinates, above the rounding of points of triangles.
 COORDINATE_ROUNDING = 2.0**-48
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def raised_at_sides(shell: Shell, pieces: Pieces, bounds: FloatArray, off_beyond: FloatArray | None) -> FloatArray:
-    """(P,): bounds (P,) of pieces, raised to those of their curves over sides that are closed, or beside what is
-    compared at equal parameters. off_beyond: as in ``shell_bounds``."""
+    """(P,): the bounds (P,) of pieces, raised to the bounds of their curves over closed sides, and over sides to a
+    comparison at equal parameters. off_beyond: as in ``shell_bounds``."""
     raised, counted = bounds.copy(), shell.triangles.is_closed
     if off_beyond is not None:
         counted = counted | np.isfinite(off_beyond)
@@ -44,8 +43,7 @@ def raised_at_sides(shell: Shell, pieces: Pieces, bounds: FloatArray, off_beyond
 
 
 def _curves_on(shell: Shell, pieces: Pieces, counted: BoolArray) -> tuple[IndexArray, IndexArray, Pieces]:
-    """The curves of pieces over sides of their triangles that are counted (P, 3): (n,) the piece of each, and which
-    side that is."""
+    """The curves of pieces over counted sides (P, 3) of their triangles: (n,) the piece of each curve, and its side."""
     sides, which, turns, curves = SIDES[len(pieces.flats)], [], [], []
     starts = [start for start, _, _ in sides]
     for turn in range(3):
@@ -61,25 +59,25 @@ def _curves_on(shell: Shell, pieces: Pieces, counted: BoolArray) -> tuple[IndexA
 
 
 def _are_on_side(shell: Shell, triangles: IndexArray, side: int, points: FloatArray) -> BoolArray:
-    """(n, P) whether points that are drawn (n, P, 3) are on a side of their triangles."""
+    """(n, P) bool: whether drawn points (n, P, 3) are on a side of their triangles."""
     corners = component_major(shell.triangles.corners[triangles].swapaxes(0, 1))
     along = corners[(side + 1) % 3] - corners[side]
     away, way = points - corners[side], units(along)
     off = lengths(away - dot_products(away, way)[..., None] * way)
-    # Far from the origin points on a side are off it by roundings of their coordinates; one too many does no harm.
+    # Far from the origin, rounding moves points off a side; counting one too many does no harm.
     return off <= ON_VECTOR * lengths(along) + COORDINATE_ROUNDING * np.abs(corners).max(axis=(0, 2))
 
 
 def _seen_curves(shell: Shell, curves: Pieces, turns: IndexArray) -> FramedPieces:
-    """Curves over sides of their triangles, which count as sides 0."""
+    """The curves in frames in which their sides count as side 0."""
     return FramedPieces.of(shell, curves, turns, [0, len(curves.hulls) - 1] if are_alike(curves) else [])
 
 
 def _bridge_bounds(
     shell: Shell, curves: Pieces, turns: IndexArray, bounds: FloatArray, off_beyond: FloatArray
 ) -> FloatArray:
-    """(P,): at least how far the points of curves over sides are from all places on their ways, where those of the
-    pieces they belong to are within some bounds (P,). off_beyond: (P,), as in ``shell_bounds``."""
+    """(P,): bounds of the distance between points of curves over sides and all places on their paths. bounds: (P,), of
+    the pieces of the curves. off_beyond: (P,), as in ``shell_bounds``."""
     own = curves.triangles
     seen = _seen_curves(shell, curves, turns)
     thin = RANGE_FOR_HEIGHT * seen.heights / shell.cosines[own]
@@ -95,14 +93,15 @@ def _bridge_bounds(
 
 
 def _closed_bounds(shell: Shell, curves: Pieces, turns: IndexArray) -> FloatArray:
-    """(P,): at least how far the points of curves over closed sides are from points of these that follow them."""
+    """(P,): bounds of the distance between points of curves over closed sides and the points that follow along these
+    sides."""
     own, ranges = curves.triangles, shell.ranges[curves.triangles]
     seen = _seen_curves(shell, curves, turns)
     along, from_start = seen.sides[0], seen.points
     part = dot_products(from_start, along) / np.maximum(squared_norms(along), 1e-300)
     off = lengths(from_start - np.clip(part, 0.0, 1.0)[..., None] * along).max(axis=0)
     bounds = np.hypot(off, slid_along(seen, 0, ranges)) * (1 + ROUNDING)
-    # The walls of the other two sides, as seen from the ends of this one.
+    # The walls of the other two sides, seen from the ends of this side.
     following, before = Side.of(seen, 1, ranges), Side.of(seen, 2, ranges)
     placed = following.are_inside[0].all(axis=0) & before.are_inside[1].all(axis=0)
     bounds = np.where(placed, bounds, np.inf)
