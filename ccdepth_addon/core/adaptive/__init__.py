@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive subdivision: tree, planner, templates, tessellation."""
+"""Adaptive subdivision: the tree, the planner, the templates and the tessellation."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Balance between neighbours: which leaves are split for the splits of their sides alone."""
+"""Balance between neighbours: the leaves to split because of the splits of their sides."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from .templates import Transitions
 
 
 def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
-    """The leaves beside others that are more than one split ahead, or that make fewer faces when they are split, and
-    how: those with all their sides split, and bicubic quads with two opposite sides split, four triangles otherwise."""
+    """The leaves that violate 2:1 balance or make fewer faces when split, and how to split them: leaves with half a
+    side split again, leaves with all sides split, and bicubic quads with two opposite sides split (otherwise four
+    triangles)."""
     tree, leaves = plan.tree, plan.take_beside_split()
     is_quad = tree.is_quad(leaves)
     quads, others = leaves[is_quad], leaves[~is_quad]
@@ -38,10 +39,10 @@ def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
 
 
 def cheaper_split(plan: Plan) -> tuple[IndexArray, IndexArray]:
-    """The bicubic leaves of a balanced tree that make fewer faces when they are split, and how.
+    """The bicubic leaves of a balanced tree that make fewer faces when split, and how to split them.
 
-    A quad with a split side makes three triangles, and two quads where the opposite side is split as well. That pays
-    where it ends: at a border, or at the split side of a second or third leaf.
+    A quad with one split side makes three triangles; with the opposite side split as well, two quads. The splits pay
+    off when the chain of quads ends at a border, or at the split side of a second or third leaf.
     """
     tree, request = plan.tree, plan.request
     quads = tree.leaves()
@@ -51,7 +52,7 @@ def cheaper_split(plan: Plan) -> tuple[IndexArray, IndexArray]:
     quads = quads[plan.surfaces.are_bicubic(quads)]
     edges = tree.slot_edges[tree.quad_slots(quads)]
     are_split, are_border = tree.edge_children[edges] != NONE, plan.are_border(edges)
-    # How many leaves beside a whole side would pass a split on to it.
+    # The number of leaves that would pass a split on to a whole side.
     wanted = are_split[:, [2, 3, 0, 1]] & ~are_split
     counts = np.bincount(edges[wanted], minlength=len(tree.edge_vertices))[edges]
     ends = are_split | (counts > wanted)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The triangles or polygons that leaves are drawn as, by their split sides, and the distances these seem to miss.
+"""The triangles or polygons of leaves, by their split sides, and estimates of their distances from the surface.
 
-Of a quad's surface the corners, the middles of the sides and the centre are looked at, of another face's its middles
-and centre. What is missed there across a leaf's plane is less than the distance, so a leaf that misses more than the
-limit has to be split; ``leaf_bounds`` proves the others.
+Samples are the corners, the middles of the sides and the centre of a quad, and the middles and centre of any other
+face. The height of a sample over the leaf's plane is at most its distance, so a leaf with a height beyond the limit has
+to be split; ``leaf_bounds`` proves the other leaves.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .rectangle_tree import ALONG_U, ALONG_V, QUARTERS
 from .request import AdaptiveRequest
 from .templates import ALL_SPLIT, COUNTS, WHOLE, Template, Transitions, template_groups, template_numbers
 
-# Points of a quad (``templates.QUAD_POINTS``, then the centre): the middles of its sides and diagonals, and the centre
-# again, each with what it is between.
+# The points of a quad (``templates.QUAD_POINTS``, then the centre) that are compared with the middle of two others: the
+# middles of sides, and the centre for both diagonals.
 CHORDS = [(4, 0, 1), (5, 1, 2), (6, 2, 3), (7, 3, 0), (8, 0, 2), (8, 1, 3), (8, 7, 5), (8, 4, 6)]
 
-# Of these what is missed along u, and along v.
+# The points whose heights count along u, and along v.
 CHORDS_ALONG = [[0, 2, 6], [1, 3, 7]]
 
-# The alternative of triangles of the control mesh that are drawn as polygons, with their split sides' middles.
+# The alternative of control triangles drawn as polygons, with the middles of their split sides.
 AS_POLYGON = 1
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
@@ -38,14 +38,14 @@ WAYS = [ALONG_U, ALONG_V]
 
 @dataclass(frozen=True)
 class LeafApproximation:
-    """The triangles or polygons that P leaves are drawn as, and the distances these seem to miss: (P,) each.
+    """The triangles or polygons of P leaves, with estimates of their distances from the surface: (P,) each.
 
-    accepted: bool, whether that is within the limit. patterns and alternatives: int8, of quads the template
-    (``templates``), of others which sides are split (0 where there are more than three) and ``AS_POLYGON``. folded:
-    bool, whether the triangles of a whole quad face away from each other, here or where Blender triangulates it, so
-    that it has to become triangles. thickness: float64, how far the polygon that is drawn is from the triangles that
-    stand for it; 0 where no polygon is drawn. along_u, along_v: float64, what a quad misses along its u and v, other
-    faces in all. ways: int8, how to split it (``RectangleTree.split``).
+    accepted: bool, whether the estimate is within the limit. patterns, alternatives: int8, for quads the template
+    (``templates``), for other faces the split sides (0 for more than three sides) and ``AS_POLYGON``. folded: bool,
+    whether the triangles of a whole quad face apart, here or where Blender triangulates the quad, so that two triangles
+    are drawn. thickness: float64, a bound of the distance between a drawn polygon and the triangles that replace it in
+    proofs; 0 without a polygon. along_u, along_v: float64, the estimates along u and v of a quad, or of the whole face.
+    ways: int8, how to split the leaf (``RectangleTree.split``).
     """
 
     accepted: BoolArray
@@ -74,8 +74,8 @@ class LeafApproximation:
 def approximate_quads(
     points: FloatArray, is_split: BoolArray, is_border: BoolArray, are_bicubic: BoolArray, request: AdaptiveRequest
 ) -> LeafApproximation:
-    """points: (9, P, 3), those of quads and their centres. is_split, is_border: (4, P) bool, which sides are split, and
-    over which the curve has to follow the side, not the plane alone."""
+    """The approximation of quads. points: (9, P, 3), of quads and their centres. is_split, is_border: (4, P) bool,
+    whether sides are split, and whether the curve has to follow the side instead of the plane alone."""
     found = LeafApproximation.none(points.shape[1])
     found.patterns[:] = PATTERN_BITS @ is_split
     off = np.stack([points[middle] - (points[start] + points[end]) / 2 for middle, start, end in CHORDS])
@@ -97,7 +97,7 @@ def approximate_quads(
     found.folded[:] = _are_folded(points, found, request.axes)
     for each, rows in zip((found.along_u, found.along_v), CHORDS_ALONG, strict=True):
         each[:] = missed[rows].max(axis=0)
-    # What is missed along the diagonals alone is halved by any split: by that of the longer sides.
+    # Any split halves an error along the diagonals alone: split the longer sides.
     sides = [lengths(points[one] - points[other]) for one, other in ((7, 5), (4, 6))]
     is_twisted = np.maximum(found.along_u, found.along_v) < least / 2
     is_longer = np.where(is_twisted, sides[0] >= sides[1], found.along_u >= found.along_v)
@@ -113,7 +113,8 @@ def approximate_quads(
 
 def ways_by_coefficients(coefficients: FloatArray) -> NDArray[np.int8]:
     """(P,): how to halve bicubic quads with coefficients (16, P, 3): along the parameter with the larger second
-    derivatives; where the mixed ones are larger than both, across the shorter sides, as any split halves these."""
+    derivatives; where mixed derivatives are the largest, across the shorter sides, as any split halves mixed
+    derivatives."""
     net = coefficients.reshape(4, 4, -1, 3)
     along_u, along_v = (6 * lengths(np.diff(net, n=2, axis=axis)).max(axis=(0, 1)) for axis in (0, 1))
     mixed = 9 * lengths(np.diff(np.diff(net, axis=0), axis=1)).max(axis=(0, 1))
@@ -123,8 +124,8 @@ def ways_by_coefficients(coefficients: FloatArray) -> NDArray[np.int8]:
 
 
 def _of_templates(missed: FloatArray, is_split: BoolArray, patterns: NDArray[np.int8]) -> FloatArray:
-    """(alternatives, P): the largest of what is missed (8, P) over the whole sides of quads and, where all are whole,
-    the diagonals; inf where a pattern (P,) has fewer alternatives."""
+    """(alternatives, P): the largest errors (8, P) over the whole sides of quads and, without split sides, the
+    diagonals; inf beyond the alternatives of a pattern (P,)."""
     counts = COUNTS[patterns]
     sides = np.where(is_split, 0.0, missed[:4]).max(axis=0)
     found = np.where(np.arange(COUNTS.max())[:, None] < np.maximum(counts, 1), sides, np.inf)
@@ -134,7 +135,8 @@ def _of_templates(missed: FloatArray, is_split: BoolArray, patterns: NDArray[np.
 
 
 def _thickness(points: FloatArray, found: LeafApproximation, request: AdaptiveRequest) -> FloatArray:
-    """(P,): how far quads with split sides, as polygons, are from the triangles of their templates."""
+    """(P,): bounds of the distance between quads with split sides, as polygons, and the triangles of their
+    templates."""
     thickness = np.zeros(points.shape[1])
     for pattern, alternative, own in template_groups(template_numbers(found.patterns, found.alternatives)):
         if pattern not in (WHOLE, ALL_SPLIT):
@@ -144,7 +146,7 @@ def _thickness(points: FloatArray, found: LeafApproximation, request: AdaptiveRe
 
 
 def _are_folded(points: FloatArray, found: LeafApproximation, axes: FloatArray) -> BoolArray:
-    """(P,): which quads are folded, whole, as they are drawn. axes: of the space where Blender triangulates."""
+    """(P,) bool: whether whole quads are drawn folded. axes: of the space where Blender triangulates."""
     spaces = [np.eye(3)] if np.array_equal(axes, np.eye(3)) else [np.eye(3), axes]
     folded = np.zeros(len(found.folded), dtype=bool)
     for alternative, order in enumerate(([0, 1, 2, 3], [1, 2, 3, 0])):
@@ -154,8 +156,9 @@ def _are_folded(points: FloatArray, found: LeafApproximation, axes: FloatArray) 
 
 
 def approximate_polygons(refinement: Refinement, is_split: BoolArray, request: AdaptiveRequest) -> LeafApproximation:
-    """Faces of a refinement that are no quads. is_split: (C,) bool, which sides are, face by face. Triangles have the
-    triangles of their templates, others are drawn whole, with the middles of split sides."""
+    """The approximation of the faces of a refinement, none of them quads. is_split: (C,) bool, the split sides, face by
+    face. Triangles have the triangles of their templates; other faces are drawn whole, with the middles of split
+    sides."""
     mesh, limit = refinement.mesh, request.limit
     count = len(refinement.bases)
     sizes, starts = mesh.face_sizes[:count], mesh.face_starts[:count]

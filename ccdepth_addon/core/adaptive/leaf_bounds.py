@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds of the distance between leaves, as they are drawn, and the surface.
+"""Bounds of the distance between the drawn triangles of leaves and the surface.
 
-Where a bicubic leaf is within the limit at equal parameters, that is its bound; if it is not, that of feet on the
-surface (``template_feet``). The others have one along the surface, by places in a shell (docs/distance.md, Shells),
-where it does not count where parameters lie. Where there is no such bound for a leaf that is not bicubic, it is
-compared at equal parameters after all.
+A bicubic leaf within the limit at equal parameters has that bound, and otherwise a bound by feet on the surface
+(``template_feet``). All other leaves have bounds by places in a shell (docs/distance.md, Shells), independent of
+parameters. A leaf that is not bicubic and has no places is compared at equal parameters after all.
 """
 
 from __future__ import annotations
@@ -43,29 +42,30 @@ from .template_feet import bounds_by_feet
 from .template_rows import bounds_at_equal
 from .templates import template_numbers
 
-# What a bound depends on is this many rings of leaves around: the triangles of the first and, by vectors at their
-# vertices, those of the second.
+# The number of rings of leaves on which a bound depends: the triangles of the first ring, and through the vectors at
+# their vertices the triangles of the second.
 RINGS = 2
 
-# Levels of tiles around extraordinary vertices: more where what is left there is too large.
+# The levels of tiles around extraordinary vertices; more where the rest is too large.
 TILE_LEVELS = (3, 6, 14)
 
-# Pieces looked at together, and so many as there are at once.
+# The number of pieces bounded together, and the largest number in memory at once.
 PIECES_AT_ONCE, MOST_PIECES = 1 << 13, 1 << 15
 
 # A leaf with more open pieces than the time before is given up: splitting it costs a few faces, looking on more time.
 MOST_GROWTH = 1.0
 
-# Leaves whose tiles are there together, and those compared at equal parameters.
+# The number of leaves whose tiles are made together, and of leaves compared at equal parameters together.
 LEAVES_AT_ONCE, FEW_LEAVES_AT_ONCE = 1 << 14, 1 << 11
 
-# Raises what is found (n,) to the bounds of pieces of a form, by what they are of (P,); infinite beyond the limit.
+# Raises the bounds found (n,) to the bounds of pieces of a form, by the bases (P,) of pieces; infinite beyond the
+# limit.
 Include = Callable[[FloatArray, IndexArray, Pieces, Form], None]
 
 
 def unbounded(plan: Plan) -> IndexArray:
-    """The leaves that have no bound within the limit: first those among the changed ones; if none, those among others
-    whose bounds may have changed with leaves around."""
+    """The leaves without a bound within the limit: among the changed leaves, or if there are none, among the leaves
+    whose bounds may have changed with the leaves around."""
     changed = plan.take_changed()
     _bound_at_equal(plan, changed)
     plan.is_stale.values[with_rings(plan.tree, changed, RINGS)] = True
@@ -78,17 +78,17 @@ def unbounded(plan: Plan) -> IndexArray:
 
 
 def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
-    """Bound the stale ones of some leaves, ascending. Returns those that have no bound within the limit."""
+    """Bound the stale leaves among some, ascending. Returns the leaves without a bound within the limit."""
     limit = plan.request.limit
     stale = leaves[plan.is_stale.values[leaves]]
     wanted = stale[plan.at_equal.values[stale] > limit]
     had_feet = plan.by_feet.values[wanted] <= limit
     plan.by_feet.values[wanted] = bounds_by_feet(plan, wanted)
     has_feet = plan.by_feet.values[wanted] <= limit
-    # What is beside a leaf is bounded as beside feet, or as beside places.
+    # The bound of a leaf depends on whether its neighbours have feet or places.
     plan.is_stale.values[with_rings(plan.tree, wanted[had_feet != has_feet], 1)] = True
     plan.is_stale.values[stale] = False
-    # Bounds by places are of what was around when they were found.
+    # Bounds by places hold for the leaves around at the time.
     plan.along_surface.values[wanted] = np.inf
     wanted = wanted[~has_feet]
     plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
@@ -98,15 +98,15 @@ def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
         bounds = _irregular_at_equal(plan, others)
         within = bounds <= limit
         plan.at_equal.values[others[within]] = bounds[within]
-        # What is beside them is bounded as beside what is compared at equal parameters then.
+        # Their neighbours are then bounded as beside a comparison at equal parameters.
         plan.is_stale.values[with_rings(plan.tree, others[within], RINGS)] = True
         failed = np.setdiff1d(failed, others[within])
     return failed
 
 
 def bounds_both_ways(plan: Plan, leaves: IndexArray) -> FloatArray:
-    """(n,): of all leaves of a settled plan, how far each one's triangles are from the surface, and the surface from
-    them: where places in a shell count, the surface over the leaves around may be the nearest."""
+    """(n,): for each leaf of a settled plan, the bound of the distance between its triangles and the surface, both
+    ways. For places in a shell the bounds of the leaves around are included, as their surface may be the nearest."""
     found = plan.bounds(leaves)
     around = largest_around(plan.tree, leaves, found)
     return np.where(plan.at_equal.values[leaves] <= plan.request.limit, found, around)
@@ -117,7 +117,7 @@ def _are_bicubic(plan: Plan, leaves: IndexArray) -> BoolArray:
 
 
 def _bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
-    """Bound the bicubic ones of some leaves at equal parameters."""
+    """Bound the bicubic leaves among some at equal parameters."""
     for some in index_chunks(leaves[_are_bicubic(plan, leaves)], FEW_LEAVES_AT_ONCE):
         drawn = plan.approximation(some)
         numbers = template_numbers(drawn.patterns, drawn.alternatives)
@@ -127,7 +127,7 @@ def _bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
 
 
 def _irregular_at_equal(plan: Plan, leaves: IndexArray) -> FloatArray:
-    """(n,): the same of some leaves that are not bicubic, ascending."""
+    """(n,): the bounds at equal parameters of leaves that are not bicubic, ascending."""
     drawn = plan.approximation(leaves)
     triangles = LeafTriangles.of(plan, leaves, drawn)
     limit = plan.request.limit
@@ -139,7 +139,7 @@ def _irregular_at_equal(plan: Plan, leaves: IndexArray) -> FloatArray:
 
 
 def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
-    """(n,): of some leaves, ascending; infinite beyond the limit."""
+    """(n,): the bounds of leaves, ascending, by places in a shell; infinite beyond the limit."""
     if not len(wanted):
         return np.zeros(0)
     tree, limit = plan.tree, plan.request.limit
@@ -147,7 +147,7 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
     leaves = with_rings(tree, near, 1)
     approximation = plan.approximation(leaves)
     drawn = LeafTriangles.of(plan, leaves, approximation)
-    # Of leaves that share a vertex with a wanted one all leaves around are here.
+    # The leaves around every leaf that shares a vertex with a wanted leaf are all included.
     is_whole = np.zeros(len(drawn.used), dtype=bool)
     is_whole[drawn.vertices[np.isin(leaves, near, assume_unique=True)[drawn.leaves]]] = True
     joined = drawn.joined(plan)
@@ -163,20 +163,20 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
 
     found = np.full(len(wanted), np.inf)
     found[usable] = _by_pieces(plan, wanted[usable], shell.triangles.corners, firsts[usable], include)
-    # Places may be over triangles around that are drawn as polygons.
+    # Places may be over neighbours that are drawn as polygons.
     found += largest_around(tree, leaves, approximation.thickness)[np.searchsorted(leaves, wanted)]
     return np.where(found <= limit, found, np.inf)
 
 
 def _by_pieces(plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: IndexArray, include: Include) -> FloatArray:
-    """(n,): bounds of leaves, ascending, by all pieces of their surface. corners: (M, 3, 3), of triangles; firsts:
-    (n,), each leaf's first."""
+    """(n,): the bounds of leaves, ascending, by all pieces of their surface. corners: (M, 3, 3), of triangles; firsts:
+    (n,), the first triangle of each leaf."""
     (found, of_tiles), left, before = np.zeros((2, len(leaves))), np.arange(len(leaves)), 0
     for levels in TILE_LEVELS:
         waiting = _Waiting(corners, len(left), include, plan.report)
         for some in chunks(len(left), LEAVES_AT_ONCE):
             for drawn in _joined(_drawn_tiles(plan, leaves[left[some]], levels)):
-                # Bicubic tiles of fewer levels have been looked at.
+                # The bicubic tiles of earlier levels are already bounded.
                 if before and drawn.tiles.are_bicubic:
                     drawn = drawn.at(np.flatnonzero(drawn.tiles.squares.sizes() < 2.0**-before))
                 own = some.start + drawn.leaves
@@ -185,7 +185,7 @@ def _by_pieces(plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: Inde
         waiting.finish()
         of_tiles[left] = np.maximum(of_tiles[left], waiting.found)
         found[left] = np.maximum(of_tiles[left], waiting.of_rests)
-        # Where only what was left at extraordinary vertices was too large, more levels leave less.
+        # Where only the rest at extraordinary vertices was too large, more levels make the rest smaller.
         left = left[np.isfinite(waiting.found) & np.isinf(waiting.of_rests)]
         if not len(left):
             break
@@ -194,7 +194,7 @@ def _by_pieces(plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: Inde
 
 
 def _drawn_tiles(plan: Plan, leaves: IndexArray, levels: int) -> Iterator[DrawnTiles]:
-    """All of the surface over leaves, ascending, and over which triangles it is, as they are drawn. levels: of tiles
+    """The tiles of the whole surface over leaves, ascending, with the drawn triangles below them. levels: of tiles
     around extraordinary vertices."""
     tree, drawn = plan.tree, plan.approximation(leaves)
     is_quad = tree.is_quad(leaves)
@@ -220,8 +220,8 @@ def _drawn_tiles(plan: Plan, leaves: IndexArray, levels: int) -> Iterator[DrawnT
 def _over_quarters(
     tiles: Tiles, drawn: LeafApproximation, is_split: BoolArray, sizes: IndexArray
 ) -> Iterator[DrawnTiles]:
-    """Tiles over the quarters of faces that are no quads: by the templates of triangles, or by the halves of quarters,
-    cut from corner to centroid. is_split: (C,) bool, which sides are, face by face."""
+    """The tiles over quarters of faces other than quads: over the template of a triangle, or over halves of quarters,
+    cut from corner to centroid. is_split: (C,) bool, the split sides, face by face."""
     quarters, starts = tiles.squares.bases, np.cumsum(sizes) - sizes
     faces = np.repeat(np.arange(len(sizes)), sizes)
     are_polygons = ((sizes > 3) | (drawn.alternatives == AS_POLYGON))[faces[quarters]]
@@ -245,7 +245,7 @@ def _over_quarters(
 
 
 def _joined(tiles: Iterator[DrawnTiles]) -> Iterator[DrawnTiles]:
-    """Tiles with as many points each together, bicubic ones first."""
+    """The tiles joined by their number of points, bicubic tiles first."""
 
     def kind(each: DrawnTiles) -> tuple[bool, int]:
         return not each.tiles.are_bicubic, len(each.tiles.points)
@@ -257,18 +257,18 @@ def _joined(tiles: Iterator[DrawnTiles]) -> Iterator[DrawnTiles]:
 
 
 class _Waiting:
-    """Pieces of n leaves, collected and looked at together. found: (n,), the bounds of what can be divided; of_rests:
-    (n,), of the rest."""
+    """The pieces of n leaves, collected and bounded together. found: (n,), the bounds of pieces that can be divided;
+    of_rests: (n,), the bounds of all other pieces."""
 
     def __init__(self, corners: FloatArray, count: int, include: Include, tick: Callable[[], None]) -> None:
-        """corners: (M, 3, 3), of triangles. tick: called meanwhile, and may raise to stop."""
+        """An empty collection. corners: (M, 3, 3), of triangles. tick: called meanwhile, and may raise to stop."""
         self._corners, self._include, self._tick = corners, include, tick
         self.found, self.of_rests = np.zeros((2, count))
         self._waiting: defaultdict[tuple[int, int], list[tuple[IndexArray, Pieces, Form]]] = defaultdict(list)
         self._counts: Counter[tuple[int, int]] = Counter()
 
     def put(self, drawn: DrawnTiles, leaves: IndexArray, firsts: IndexArray) -> None:
-        """Tiles of leaves (P,). firsts: (P,), the triangle from which each one's are counted."""
+        """Add tiles of leaves (P,). firsts: (P,), the first triangle of each tile's leaf."""
         tiles, squares = drawn.tiles, drawn.tiles.squares
         over = over_triangles(drawn.keys, squares)
         for chosen, pieces, form in pieces_by_corners(self._corners, tiles, over, firsts):
@@ -290,7 +290,7 @@ class _Waiting:
             self._look_at(key)
 
     def finish(self) -> None:
-        """Look at what is left."""
+        """Bound the pieces still waiting."""
         for key in list(self._waiting):
             self._look_at(key)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The triangles that leaves of a tree are drawn as, joined at their sides."""
+"""The drawn triangles of a tree's leaves, joined at their sides."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ from .templates import (
 
 @dataclass(frozen=True)
 class LeafTriangles:
-    """M triangles of L leaves, leaf by leaf. Of quads, and of triangles of the control mesh, they are those of the
-    template, in its order; of polygons those around the mean of the corners, side by side.
+    """M triangles of L leaves, leaf by leaf. A quad, or a triangle of the control mesh, has the triangles of its
+    template, in template order; a polygon has triangles around the mean of its corners, side by side.
 
-    used: (U,) vertices of the tree, ascending; or, from ``vertex_count`` on, means of leaves. vertices: (M, 3) indices
-    into these; leaves: (M,) the leaf of each; firsts: (L + 1,) the first of each leaf. means: (U', 3), their positions.
+    used: (U,) vertices of the tree, ascending, and from ``vertex_count`` on means of leaves. vertices: (M, 3) indices
+    into ``used``; leaves: (M,) the leaf of each triangle; firsts: (L + 1,) the first triangle of each leaf. means: (U',
+    3), the positions of the means.
     """
 
     used: IndexArray
@@ -93,7 +94,7 @@ class LeafTriangles:
 
 
 def _means_of_corners(plan: Plan, leaves: IndexArray) -> FloatArray:
-    """(n, 3), of leaves."""
+    """(n, 3): the means of the corners of leaves."""
     if not len(leaves):
         return np.zeros((0, 3))
     slots, counts = plan.tree.slots(leaves), plan.tree.slot_counts(leaves)

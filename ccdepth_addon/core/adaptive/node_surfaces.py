@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The surface over the nodes of a tree.
 
-A quad is a rectangle of a bicubic patch, whose Bernstein coefficients are kept once for all of its parts; or it has an
-irregular vertex, as faces that are no quads may have, and is part of a refinement of the mesh. When such a node is
-quartered, its mesh is refined once more, and what is bicubic then becomes a patch.
+A bicubic node is a rectangle of a bicubic patch, with one set of Bernstein coefficients for all nodes of the patch. Any
+other node, a quad with an irregular vertex or a face other than a quad, is part of a refinement of the mesh. Quartering
+such a node refines that mesh once more, and children that are then bicubic become patches.
 """
 
 from __future__ import annotations
@@ -24,30 +24,29 @@ from .rectangle_tree import NONE, QUARTERS, RectangleTree
 # Faces refined together.
 FACES_AT_ONCE = 1 << 14
 
-# From intervals (n,) to rows (R, 4, n) that act on a cubic's Bernstein coefficients.
+# A function of intervals (n,) that returns rows (R, 4, n), functionals of a cubic's Bernstein coefficients.
 RowsOver = Callable[[FloatArray, FloatArray], FloatArray]
 
-# Of (3, 3) places in a quad, at the ends of its sides and half-way, u first: the corners, the middles of the sides from
-# them, and the centre.
+# The corners, the middles of the sides and the centre of a quad, as indices of (3, 3) places, u first.
 PLACES = np.array([0, 6, 8, 2, 3, 7, 5, 1, 4])
 
 
 @dataclass(frozen=True)
 class _Block:
-    """Nodes that have an irregular vertex or are no quads; descendant i of the refinement is ``nodes[i]``."""
+    """Nodes that are not bicubic; descendant i of the refinement is ``nodes[i]``."""
 
     nodes: IndexArray
     refinement: Refinement
 
 
 class NodeSurfaces:
-    """The surface over the nodes of a tree, which tells of splits by ``follow``."""
+    """The surface over the nodes of a tree. The tree reports splits by ``follow``."""
 
     def __init__(self, tree: RectangleTree) -> None:
         self._tree = tree
         self._patches, self._blocks, self._places = (tree.add_column(np.int32(NONE)) for _ in range(3))
-        # Of each patch the node that is all of it; its coefficients, (4, 4, 3), u first; and whether the surface is
-        # smooth at all of its corners.
+        # For each patch the node over the whole patch, the coefficients, (4, 4, 3), u first, and whether the surface is
+        # smooth at all corners.
         self._roots = Column(np.zeros(0, dtype=np.intp))
         self._coefficients = Column(np.zeros((0, 48)))
         self._are_inside = Column(np.zeros(0, dtype=bool))
@@ -67,7 +66,7 @@ class NodeSurfaces:
         return found
 
     def are_smooth(self, quads: IndexArray) -> BoolArray:
-        """(n,): which quads are parts of bicubic patches at all corners of which the surface is smooth and regular."""
+        """(n,) bool: whether quads belong to bicubic patches with all corners smooth and regular."""
         patches = self._patches.values[quads]
         found = patches != NONE
         found[found] = self._are_inside.values[patches[found]]
@@ -90,8 +89,8 @@ class NodeSurfaces:
                 self._put_block(children[rest], refinement.keep(rest).numbered())
 
     def refinements(self, nodes: IndexArray) -> Iterator[tuple[IndexArray, Refinement]]:
-        """The nodes of some (n,) that are not bicubic, all of them quads or none: indices of some, and a refinement
-        whose descendants they are."""
+        """The nodes among some (n,) that are not bicubic, either all quads or none: batches of indices, each with a
+        refinement whose descendants are these nodes."""
         places = np.argsort(nodes, kind="stable")
         found = [
             (block.nodes[wanted], block.refinement.keep(wanted).numbered()) for wanted, block in self._wanted(nodes)
@@ -121,7 +120,8 @@ class NodeSurfaces:
         return self._transformed(quads, _subdivided).reshape(16, 3, -1).swapaxes(1, 2)
 
     def _transformed(self, quads: IndexArray, rows_of: RowsOver) -> FloatArray:
-        """(R, R, 3, n): rows (R, 4) of the intervals that quads have in their patches, both ways."""
+        """(R, R, 3, n): the coefficients of patches transformed by rows (R, 4), for the intervals of quads along u and
+        v."""
         patches = self._patches.values[quads]
         lower, sides = self._tree.rectangles(quads, self._roots.values[patches])
         along, across = (rows_of(low, low + side) for low, side in zip(lower, sides, strict=True))
@@ -131,7 +131,7 @@ class NodeSurfaces:
         return found
 
     def _wanted(self, nodes: IndexArray) -> Iterator[tuple[BoolArray, _Block]]:
-        """The blocks of nodes, and which of their own are wanted."""
+        """The blocks of nodes, each with the wanted nodes in the block."""
         numbers, places = self._blocks.values[nodes], self._places.values[nodes]
         for number in np.unique(numbers).tolist():
             block = self._refined[number]
@@ -140,7 +140,7 @@ class NodeSurfaces:
             yield wanted, block
 
     def _put_patches(self, nodes: IndexArray, nets: FloatArray, are_inside: BoolArray) -> None:
-        """Keep the patches that nodes are, by nets (4, 4, P, 3). are_inside: (P,), whether smooth at all corners."""
+        """Store the patches of nodes with nets (4, 4, P, 3). are_inside: (P,) bool, whether all corners are smooth."""
         self._patches.values[nodes] = len(self._roots.values) + np.arange(len(nodes))
         self._roots.append(nodes)
         self._are_inside.append(are_inside)
@@ -153,7 +153,7 @@ class NodeSurfaces:
 
 
 def points_of_quads(refinement: Refinement) -> FloatArray:
-    """(9, P, 3): as of ``NodeSurfaces.points``, of a refinement's quads."""
+    """(9, P, 3): the points of a refinement's quads, as in ``NodeSurfaces.points``."""
     middles, centres = refinement.limits_inside()
     corners = refinement.limits_at_corners
     by_quad = [corners.reshape(-1, 4, 3), middles.reshape(-1, 4, 3), centres.reshape(-1, 4, 3)[:, :1]]
@@ -166,14 +166,14 @@ def _values(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def _subdivided(low: FloatArray, high: FloatArray) -> FloatArray:
-    """(4, 4, n): from a cubic's Bernstein coefficients over [0, 1] to those over intervals (n,)."""
+    """(4, 4, n): matrices from a cubic's Bernstein coefficients over [0, 1] to its coefficients over intervals (n,)."""
     return np.stack([_blossom(*each) for each in ((low,) * 3, (low, low, high), (low, high, high), (high,) * 3)])
 
 
 def _blossom(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
-    """(4, n): the blossom of a cubic at three arguments, by its Bernstein coefficients: averages of these."""
+    """(4, n): the weights of a cubic's Bernstein coefficients in its blossom at three arguments."""
     weights = np.stack([1 - first, first, 0 * first, 0 * first])
     for argument in (second, third):
-        # Each step takes in one argument; the last weight is still none before the last of them.
+        # Each step consumes one argument; the last weight is 0 before the last step.
         weights = (1 - argument) * weights + argument * np.roll(weights, 1, axis=0)
     return weights

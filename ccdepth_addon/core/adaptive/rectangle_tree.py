@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The trees over the faces of a control mesh: rectangles of their parameters, and how these are connected.
+"""The trees over the faces of a control mesh: rectangles of parameters, and their connections.
 
-Nodes are faces of the control mesh and what these are split into: a quad into two halves, along its parameter u or v,
-or into four quarters; a face of another size into one quad for each corner. Every node has one slot for each of its
-corners, which is also its side from that corner to the next. Splitting a node splits sides of it; edges form trees of
-their own, shared by all nodes along them, so the sides of a leaf alone tell whether the leaves across are split, on a
-boundary, on a crease where three faces meet, or inside. A chain from slot to slot connects all slots along an edge, so
-that a split finds the leaves it concerns.
+The roots are control faces. A quad is split into two halves, along its parameter u or v, or into four quarters; any
+other face into one quad for each corner. Every node has one slot for each corner, which also stands for the side from
+that corner to the next. Splitting a node splits sides of it; edges form trees of their own, shared by all nodes along
+them, so the sides of a leaf alone tell whether the leaves across are split, on a boundary, on a crease where three
+faces meet, or inside. A chain from slot to slot connects all slots along an edge, so that a split finds the leaves it
+concerns.
 
 The slots of a half are at the same corners as those of its parent. The quarter at slot s has slots at the vertex of s,
 the middle of side s, the centre, and the middle of the side before, in this order: that of ``catmull_clark.subdivide``.
@@ -31,18 +31,18 @@ from .templates import QUAD_POINTS
 
 NONE = -1
 
-# A point of a node: the place of a corner, and whether it means the middle of the side from there.
+# A point of a node: the place of a corner, and whether the middle of the side from there is meant.
 Point = tuple[int, bool]
 
 # How nodes are split: into halves one after the other along u or along v, or into quarters.
 ALONG_U, ALONG_V, QUARTERS = 0, 1, 2
 
-# Parameters as complex numbers, which turn and scale by multiplication: the corners of a quad and the middles of its
-# sides; and its sides from corner to corner.
+# The corners of a quad, the middles of its sides, and its sides from corner to corner, as complex numbers:
+# multiplication turns and scales parameters.
 COMPLEX_POINTS = QUAD_POINTS @ np.array([1, 1j])
 COMPLEX_SIDES = np.array([1, 1j, -1, -1j])
 
-# There are more slots than nodes, edges or vertices.
+# The most numerous items are slots.
 MOST_SLOTS = np.iinfo(np.int32).max
 
 # The state of an edge.
@@ -59,11 +59,10 @@ class RectangleTree:
     whole), midpoints (vertex, or NONE), base_edges (NONE inside a face).
     vertices: (V,) vertex_edges, the edge of the mesh that a vertex made by splitting lies on, or NONE.
 
-    All of these are int32: a mesh in Blender has no more corners than that can count, and the tree of one would take
-    hundreds of gigabytes.
+    All arrays are int32: a mesh in Blender has no more corners than int32 can count.
 
-    Parameters of quads and all that they are split into are those of the whole quad, from its first corner; of what
-    other faces are split into, those of the quarter at a corner. A whole face that is no quad has none.
+    The parameters of a quad and its descendants are those of the whole quad, from its first corner; other faces have no
+    parameters of their own, and their descendants have those of the quarter at a corner.
     """
 
     def __init__(self, mesh: PolygonMesh) -> None:
@@ -73,13 +72,14 @@ class RectangleTree:
         self._child_counts = Column(_numbers(0, faces))
         self._levels = Column(np.zeros((faces, 2), dtype=np.int8))
         self._base_faces = Column(_numbers(np.arange(faces), faces))
-        # A frame: the quad or quarter that parameters are in, a node's first slot there, and how its side there turns.
+        # A frame: the quad or quarter of the parameters, the place of a node's first slot there, and the turn of its
+        # side.
         self._frame_corners = Column(_numbers(mesh.face_starts[:-1], faces))
         self._frame_origins = Column(np.zeros(faces, dtype=np.complex128))
         self._frame_turns = Column(np.zeros(faces, dtype=np.int8))
         self._slot_vertices = Column(_numbers(NONE, 0))
         self._slot_edges = Column(_numbers(NONE, 0))
-        # The last slot made along an edge, and the one made along the same edge before a slot; or NONE.
+        # The last slot made along an edge, and the slot made before a slot along the same edge; or NONE.
         self._last_slots = Column(_numbers(NONE, edges))
         self._slots_before = Column(_numbers(NONE, 0))
         self._edge_vertices = Column(_numbers(mesh.edge_vertices, (edges, 2)))
@@ -110,7 +110,8 @@ class RectangleTree:
     vertex_edges = property(lambda self: self._vertex_edges.values)
 
     def add_column(self, default: np.generic) -> Column:
-        """A column of nodes (N,) with the default's dtype, that grows with the tree; new nodes have the default."""
+        """A column of nodes (N,) with the default's dtype. The column grows with the tree; new nodes have the
+        default."""
         self._node_columns.append((Column(np.full(len(self.first_child), default)), default))
         return self._node_columns[-1][0]
 
@@ -124,7 +125,7 @@ class RectangleTree:
         return np.flatnonzero(self.first_child == NONE)
 
     def face_levels(self) -> NDArray[np.int8]:
-        """(faces of the control mesh,) the level of the deepest node on each, in either direction."""
+        """(control faces,): the level of the deepest node on each face, in either direction."""
         deepest = np.zeros(self.mesh.face_count, dtype=np.int8)
         np.maximum.at(deepest, self.base_faces, self.levels.max(axis=1))
         return deepest
@@ -148,11 +149,11 @@ class RectangleTree:
         return ranges(self.first_slots(nodes), self.slot_counts(nodes))
 
     def quad_slots(self, quads: IndexArray) -> IndexArray:
-        """(P, 4): those of quads (P,)."""
+        """(P, 4): the slots of quads (P,)."""
         return self.first_slots(quads)[:, None] + np.arange(4)
 
     def is_quad(self, nodes: IndexArray) -> BoolArray:
-        """(nodes,) bool: all but whole faces of other sizes."""
+        """(nodes,) bool: whether nodes are quads, as all are but control faces of other sizes."""
         return self.slot_counts(nodes) == 4
 
     # Where nodes and vertices are
@@ -174,8 +175,8 @@ class RectangleTree:
             yield self._surface_points(own, parameters)
 
     def rectangles(self, nodes: IndexArray, roots: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """(2, n) twice: the lower corners of nodes (n,) and their sides, in the parameters of nodes (n,) that they are
-        halves of, as whole quads are of themselves."""
+        """(2, n) twice: the lower corners and the sides of nodes (n,), in the parameters of their ancestors, the roots
+        (n,), which are split by halving alone."""
         origins = self._frame_origins.values
         axes = np.stack(self._frame_axes(roots))
         way = origins[nodes] - origins[roots]
@@ -196,7 +197,7 @@ class RectangleTree:
         corners, parameters = corners.astype(np.intp), parameters.copy()
         faces = self.mesh.corner_faces[corners]
         of_quads = np.flatnonzero((corners != NONE) & (self.mesh.face_sizes[faces] == 4))
-        # Vertices of the mesh are at corners of any number: only those of frames are counted from the first.
+        # Vertices of the mesh may be at any corner; only frames count corners from the first.
         own = of_quads[corners[of_quads] == self.mesh.face_starts[faces[of_quads]]]
         upper, right = parameters[own].imag >= 0.5, parameters[own].real >= 0.5
         quarters = np.where(upper, np.where(right, 2, 3), np.where(right, 1, 0))
@@ -215,7 +216,7 @@ class RectangleTree:
         return self._edge_states.values.take(self.slot_edges.take(slots)) >= SPLIT_TWICE
 
     def share_a_vertex(self, leaves: IndexArray, others: IndexArray) -> BoolArray:
-        """(leaves,) bool, which share a vertex with any of the others, the middles of split sides included."""
+        """(leaves,) bool: whether leaves share a vertex with any of the others, middles of split sides included."""
         marked = np.zeros(len(self.vertex_edges), dtype=bool)
         for part in chunks(len(others), AT_ONCE):
             slots = self.slots(others[part])
@@ -231,10 +232,10 @@ class RectangleTree:
         return found
 
     def leaves_beside(self, nodes: IndexArray) -> IndexArray:
-        """The leaves whose sides a split of these nodes may have changed, each once, in ascending order.
+        """The leaves whose split sides a split of these nodes may have changed, each once, in ascending order.
 
-        Splitting a node splits its sides and nothing else. So it changes the split sides of a leaf only where a side of
-        the leaf is one of them, or has one of them for a half; or where the leaf is new.
+        Splitting a node splits only its sides. So the split sides of a leaf change only if a side of the leaf, or half
+        of such a side, is a side of a node; or if the leaf is new.
         """
         beside = np.zeros(len(self.first_child), dtype=bool)
         for part in chunks(len(nodes), AT_ONCE):
@@ -246,7 +247,7 @@ class RectangleTree:
         return np.flatnonzero(beside & (self.first_child == NONE))
 
     def _nodes_along(self, edges: IndexArray) -> IndexArray:
-        """The nodes with these edges for sides; some may be there several times."""
+        """The nodes with these edges as sides, possibly with repetitions."""
         found = [np.zeros(0, dtype=np.int32)]
         slots = self._last_slots.values[edges]
         while len(slots := slots[slots != NONE]):
@@ -268,7 +269,7 @@ class RectangleTree:
     # Splits
 
     def split(self, nodes: IndexArray, way: int) -> None:
-        """Split leaves, each once, all in one way: ``QUARTERS``, or quads into halves."""
+        """Split leaves, each once, all in the same way: into quarters (``QUARTERS``), or quads into halves."""
         for part in chunks(len(nodes), AT_ONCE):
             if way == QUARTERS:
                 self._quarter(nodes[part])
@@ -276,7 +277,7 @@ class RectangleTree:
                 self._halve(nodes[part], way)
 
     def _halve(self, nodes: IndexArray, way: int) -> None:
-        # From the first slot whose side is split on, and as parameters are counted in the end.
+        # Slots count from the first slot with a split side; in the end they count as the parameters do.
         slots = self.first_slots(nodes)[:, None] + (np.arange(4) + way) % 4
         edges, vertices = self.slot_edges[slots], self.slot_vertices[slots]
         corners, origins = self._frame_corners.values[nodes], self._frame_origins.values[nodes]
@@ -340,7 +341,7 @@ class RectangleTree:
     def _quarter_frames(
         self, owners: IndexArray, slots: IndexArray, places: IndexArray
     ) -> tuple[IndexArray, NDArray[np.complex128], NDArray[np.complex128], NDArray[np.int8]]:
-        """The frames of quarters at slots, their sides along u, and how these are turned."""
+        """The frames of quarters at slots, their sides along u, and the turns of these sides."""
         along, across = self._frame_axes(owners)
         origins = self._frame_origins.values[owners]
         u, v = SQUARE[places % 4].T
@@ -362,7 +363,8 @@ class RectangleTree:
         vertices: IndexArray,
         edges: IndexArray,
     ) -> None:
-        """Append the children of nodes, so many of each: their levels, frames, vertices and edges."""
+        """Append the children of nodes, with their levels, frames, vertices and edges. counts: the children of each
+        node."""
         count = len(levels)
         self.first_child[parents] = len(self.first_child) + np.cumsum(counts) - counts
         self._child_counts.values[parents] = counts
@@ -379,7 +381,7 @@ class RectangleTree:
         self.leaf_count += count - len(parents)
 
     def _split_edges(self, sides: IndexArray, corners: IndexArray, middles: NDArray[np.complex128]) -> None:
-        """Split the whole edges among some sides; corners and middles are the places of their midpoints."""
+        """Split the whole edges among sides. corners, middles: the places of the midpoints."""
         whole = np.flatnonzero(self.edge_children[sides] == NONE)
         # Of several sides along an edge the last one written remains.
         self.edge_children[sides[whole]] = whole
@@ -397,7 +399,8 @@ class RectangleTree:
         self._edge_states.values[parents[parents != NONE]] |= SPLIT_TWICE
 
     def half_at(self, sides: IndexArray, slots: IndexArray) -> IndexArray:
-        """The half of the split side at each of the slots ``sides`` that ends at the vertex of each of ``slots``."""
+        """For each of the slots ``sides``, the half of the split side that ends at the vertex of the matching one of
+        ``slots``."""
         return self._half_of(self.slot_edges[sides], self.slot_vertices[slots])
 
     def _half_of(self, edges: IndexArray, vertices: IndexArray) -> IndexArray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rings of leaves around leaves: those that share a vertex with them."""
+"""The rings of leaves around leaves. Each ring shares a vertex with the leaves inside."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .rectangle_tree import NONE, RectangleTree
 
 
 def largest_around(tree: RectangleTree, leaves: IndexArray, values: FloatArray) -> FloatArray:
-    """(n,): of some leaves the largest of the values (n,), not negative, of those of them that share a vertex."""
+    """(n,): for each leaf the largest of the values (n,), none negative, over all given leaves that share a vertex."""
     slots, counts = tree.slots(leaves), tree.slot_counts(leaves)
-    # Sides that are whole have no middle: what is written there is not read.
+    # Whole sides have no middle: the values written there are never read.
     vertices = np.concatenate([tree.slot_vertices[slots], tree.midpoints[tree.slot_edges[slots]]])
     at_vertices = np.zeros(len(tree.vertex_edges) + 1)
     np.maximum.at(at_vertices, vertices, np.tile(np.repeat(values, counts), 2))
@@ -33,8 +33,8 @@ def with_rings(tree: RectangleTree, leaves: IndexArray, rings: int) -> IndexArra
 
 
 def _faces_around(tree: RectangleTree, nodes: IndexArray) -> BoolArray:
-    """(faces of the control mesh,) those that share a vertex with a face of the nodes. All nodes that share a vertex
-    with them lie on these."""
+    """(control faces,) bool: whether a control face shares a vertex with a face of the nodes. Every node that shares a
+    vertex with the given nodes lies on such a face."""
     mesh = tree.mesh
     marked = np.zeros(mesh.face_count, dtype=bool)
     marked[tree.base_faces[nodes]] = True

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of the surface over the triangles of templates: what ``core/distance`` compares with these.
+"""The pieces of the surface over the triangles of templates, for the bounds of ``core/distance``.
 
-The surface over a leaf comes as tiles, over squares of its parameters. A tile inside a triangle of the template is one
-piece; a bicubic tile that the template's lines cut is cut into triangles, or into smaller squares where these lines are
-no lines in its parameters. What is still cut, or left around an extraordinary vertex, counts as over every triangle
-that it meets: each has a part of it.
+Tiles cover the surface over a leaf, each over a square of the leaf's parameters. A tile inside a triangle of the
+template is one piece. A bicubic tile across lines of the template is cut into triangles, or into smaller squares where
+the lines are curved in the tile's parameters. A tile that is still across a line, or around an extraordinary vertex,
+counts as over every triangle it meets.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ from .templates import (
 # (16, 2): the parameters of the Bernstein coefficients of a bicubic square.
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
-# Weights nearer to 0 than this are: all are small multiples of powers of a half.
+# Weights below this are 0, as all weights are small multiples of powers of a half.
 NOTHING = 2.0**-40
 
-# How often squares are halved both ways where a template's lines cut them and are no lines in their parameters.
+# The number of times squares are halved both ways where lines of a template are curved in their parameters.
 SPLITS_AT_LINES = 1
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a tile over a triangle of a template. rows: (R, 16), its hull points from the tile's coefficients, or
-    None for all points of the tile; weights: (R', 3), of the triangle's corners for what is drawn there."""
+    """A part of a tile over a triangle of a template. rows: (R, 16), the hull points as functionals of the tile's
+    coefficients, or None for all points of the tile; weights: (R', 3), the barycentric weights of the drawn points."""
 
     form: Form
     rows: FloatArray | None
@@ -57,9 +57,9 @@ class Part:
 
 @dataclass(frozen=True)
 class DrawnTiles:
-    """Tiles, the leaf of each, (n,), and keys (n,) of what they are drawn as: of a template, of a pattern and the
-    quarter of a triangle of the control mesh, or of half a quarter of a larger polygon. firsts: (n,), from the first
-    triangle of their leaves on, the one from which the triangles of parts are counted."""
+    """Tiles with their leaves (n,) and keys (n,). A key names the drawn triangles below a tile: of a template, of a
+    quarter of a control triangle with a pattern of split sides, or of half a quarter of a larger polygon. firsts: (n,),
+    the triangle, counted within the leaf, from which the triangles of parts are counted."""
 
     tiles: Tiles
     leaves: IndexArray
@@ -72,13 +72,13 @@ class DrawnTiles:
 
 
 def quarter_keys(patterns: IndexArray, quarters: IndexArray) -> IndexArray:
-    """(P,): keys of quarters of triangles of the control mesh, drawn with sides split in patterns (P,)."""
+    """(P,): the keys of quarters of control triangles with patterns (P,) of split sides."""
     return -1 - 3 * patterns - quarters
 
 
-# Halves of the quarters of polygons of the control mesh, drawn as triangles (centroid, a, b) around the centroid: at
-# the side after the quarter's corner, whole or split, and at the side before, whole or split. Of each the places in the
-# quarter, corner and centroid first, and the weights of the triangle's corners there.
+# The halves of quarters of control polygons, drawn as triangles (centroid, a, b) around the centroid: at the side after
+# the quarter's corner, whole or split, and at the side before, whole or split. Each half has its places in the quarter,
+# corner and centroid first, and the weights of the triangle's corners there.
 AFTER, BEFORE = [(0, 0), (1, 1), (1, 0)], [(0, 0), (1, 1), (0, 1)]
 HALVES_OF_QUARTERS: tuple[tuple[FloatArray, FloatArray], ...] = tuple(
     (np.array(places, dtype=np.float64), np.array(weights))
@@ -93,23 +93,23 @@ FIRST_OF_HALVES = -100
 
 
 def half_keys(are_before: bool, are_split: BoolArray) -> IndexArray:
-    """(P,): keys of halves of quarters of polygons, at the sides before their corners or after them, which are split or
-    not (P,)."""
+    """(P,): the keys of halves of quarters of polygons, at the sides before or after their corners (P,), split or whole
+    (P,)."""
     return FIRST_OF_HALVES - 2 * int(are_before) - are_split
 
 
 @dataclass(frozen=True)
 class _Region:
-    """The region that one triangle is drawn for. region: (4, 3), weights of the region's corners as functions of 1, u,
-    v and uv; drawn: (4, 3), those of the triangle's corners. corners: (3, 2), of the region in its quad; none where it
-    is a quarter."""
+    """The region of parameters below one drawn triangle. region: (4, 3), the weights of the region's corners as
+    functions of 1, u, v and uv; drawn: (4, 3), the weights of the triangle's corners. corners: (3, 2), of the region in
+    its quad; None in a quarter."""
 
     region: FloatArray
     drawn: FloatArray
     corners: FloatArray | None = None
 
     def weights(self, places: FloatArray) -> FloatArray:
-        """(n, 3): of the triangle's corners, at places (n, 2)."""
+        """(n, 3): the weights of the triangle's corners at places (n, 2)."""
         found: FloatArray = monomials(places) @ self.drawn
         return found
 
@@ -120,7 +120,7 @@ def monomials(places: FloatArray) -> FloatArray:
     return np.stack([np.ones_like(u), u, v, u * v], axis=-1)
 
 
-# From weights at a square's corners to functions of 1, u, v and uv.
+# The matrix from weights at a square's corners to functions of 1, u, v and uv.
 FROM_CORNERS = np.linalg.inv(monomials(QUAD_POINTS[:4]))
 
 # The corners' weights at the Greville places of a square.
@@ -129,7 +129,7 @@ AT_GREVILLE = monomials(GREVILLE) @ FROM_CORNERS
 
 @cache
 def regions_of(key: int) -> tuple[_Region, ...]:
-    """Of each triangle."""
+    """The regions of all triangles of a key."""
     if key <= FIRST_OF_HALVES:
         corners, weights = HALVES_OF_QUARTERS[FIRST_OF_HALVES - key]
         # Places are counted counterclockwise.
@@ -145,26 +145,27 @@ def regions_of(key: int) -> tuple[_Region, ...]:
 
 
 def _over(corners: FloatArray, weights: FloatArray) -> _Region:
-    """A region with corners (3, 2) in its quad, drawn in a triangle: weights (3, 3) of the triangle's corners there."""
+    """The region with corners (3, 2) in its quad, and weights (3, 3) of the drawn triangle's corners at these
+    corners."""
     opposite, doubled_area = barycentric_rows(corners)
     region = np.insert(opposite[[2, 0, 1]] / doubled_area, 3, 0.0, axis=0)
     return _Region(region, region @ weights, corners)
 
 
-# How much of a tile is over a triangle, if it is not the half without corner 0, 1, 2 or 3.
+# The share of a tile over a triangle: all, some, or else the half without corner 0, 1, 2 or 3.
 ALL, SOME = -1, -2
 
-# The corners of these halves; of each the coefficients of the surface, from those of the tile, and the weights of its
-# corners where what is drawn has the same ones.
+# The corners of these halves; for each half the matrix from the tile's coefficients to its own, and the weights of its
+# corners at the coefficients of the drawn triangle.
 HALVES_OF_SQUARES = [[(corner + k) % 4 for k in (1, 2, 3)] for corner in range(4)]
 ROWS_OF_HALVES = [functionals(QUAD_POINTS[half], WHOLE_QUAD, QUAD_POINTS[half]) for half in HALVES_OF_SQUARES]
 
 
 @dataclass(frozen=True)
 class TilesOverTriangles:
-    """n tiles that each meet a triangle's region. tiles: (n,) intp; triangles: (n,) intp, which of their templates';
-    weights: (n, 4, 3), of the triangle's corners at the tiles' corners. shares: (n,) int8, how much of each tile is
-    over it: ``ALL``, the half without this corner, or ``SOME``."""
+    """n pairs of a tile and a triangle whose region meets the tile. tiles: (n,) intp; triangles: (n,) intp, within the
+    templates; weights: (n, 4, 3), of the triangle's corners at the tile's corners. shares: (n,) int8, the share of the
+    tile over the triangle: ``ALL``, the half without this corner, or ``SOME``."""
 
     tiles: IndexArray
     triangles: IndexArray
@@ -177,7 +178,7 @@ class TilesOverTriangles:
 
 
 def over_triangles(keys: IndexArray, squares: Squares) -> TilesOverTriangles:
-    """Tiles over squares (P,), by the triangles that they are drawn as."""
+    """The tiles over squares (P,), paired with the triangles of their keys."""
     kinds, places = np.unique(keys, return_inverse=True)
     regions = [regions_of(key) for key in kinds.tolist()]
     counts = np.array([len(each) for each in regions], dtype=np.intp)[places.reshape(-1)]
@@ -193,7 +194,7 @@ def over_triangles(keys: IndexArray, squares: Squares) -> TilesOverTriangles:
     shares = np.full(len(meets), SOME, dtype=np.int8)
     shares[inside.min(axis=(1, 2)) >= -NOTHING] = ALL
     for corner, half in enumerate(HALVES_OF_SQUARES):
-        # A side of the region is the diagonal between them. In quarters of triangles it is none of what is drawn.
+        # A side of the region is the diagonal between both halves; in quarters of triangles no diagonal is drawn.
         is_cut = np.all(np.abs(inside[:, half[::2]]) <= NOTHING, axis=1) & (inside[:, corner] < -NOTHING)
         is_half = is_cut.any(axis=1) & (inside[:, half].min(axis=(1, 2)) >= -NOTHING)
         shares[is_half & np.all(region[which, 3] == 0, axis=1)] = corner
@@ -202,7 +203,7 @@ def over_triangles(keys: IndexArray, squares: Squares) -> TilesOverTriangles:
 
 @lru_cache(maxsize=8192)
 def parts_of(key: int, triangle: int, place: tuple[float, ...], *, are_bicubic: bool) -> tuple[Part, ...]:
-    """The parts over one triangle of tiles over a square of the parameters, place: its origin and axes."""
+    """The parts over one triangle of a tile over a square of the parameters. place: the square's origin and axes."""
     region, numbers = regions_of(key)[triangle], np.array(place)
     square = Square(numbers[:2], numbers[2:].reshape(2, 2))
     if region.corners is None:
@@ -219,7 +220,7 @@ def parts_of(key: int, triangle: int, place: tuple[float, ...], *, are_bicubic: 
 
 
 def _over_squares(region: _Region, square: Square, rows: FloatArray, splits: int, are_bicubic: bool) -> Iterator[Part]:
-    """Of a square, or its quarters while the lines of the template cut them."""
+    """The parts of a square over a region, by quarters while lines of the template cut the square."""
     at_corners = region.weights(square.corners())
     if np.any(np.all(at_corners <= NOTHING, axis=0)):
         return
@@ -234,7 +235,7 @@ def _over_squares(region: _Region, square: Square, rows: FloatArray, splits: int
         yield Part(CUT_FORM if is_cut else SQUARE_FORM, rows, AT_GREVILLE @ at_corners)
 
 
-# What reaches beyond a triangle says nothing of its height.
+# Points beyond a triangle have no height over the triangle.
 CUT_FORM = Form(np.zeros(0, dtype=np.intp), SQUARE_FORM.quarters)
 
 # (16, 16) each: the coefficients of a square's quarters, at its corners 0 to 3.
@@ -242,7 +243,7 @@ _QUARTERS = tuple(np.kron(HALVES[int(u)], HALVES[int(v)]) for u, v in QUAD_POINT
 
 
 def grouped(*columns: IndexArray | FloatArray) -> Iterator[tuple[FloatArray, IndexArray]]:
-    """Each row that the columns (n,) or (n, k) have together, and where."""
+    """Each distinct row of the columns (n,) or (n, k) together, with the indices of the row."""
     rows = np.column_stack([np.asarray(column, dtype=np.float64) for column in columns])
     if not len(rows):
         return
@@ -255,8 +256,8 @@ def grouped(*columns: IndexArray | FloatArray) -> Iterator[tuple[FloatArray, Ind
 def pieces_by_corners(
     corners: FloatArray, tiles: Tiles, over: TilesOverTriangles, firsts: IndexArray
 ) -> Iterator[tuple[IndexArray, Pieces, Form]]:
-    """The pieces that are all of a tile, or half of a bicubic one; with the tile of each, and their form. corners:
-    (M, 3, 3), of triangles; firsts: (P,), the first of each tile's leaf."""
+    """The pieces that are a whole tile, or half of a bicubic tile, with the tile of each and their form. corners:
+    (M, 3, 3), of triangles; firsts: (P,), the first triangle of each tile's leaf."""
     for share in range(-1, 4) if tiles.are_bicubic else [ALL]:
         some = over.at(np.flatnonzero(over.shares == share))
         if not len(some.tiles):
@@ -274,7 +275,8 @@ def pieces_by_corners(
 
 
 def pieces_over(corners: FloatArray, tiles: Tiles, chosen: IndexArray, part: Part, triangles: IndexArray) -> Pieces:
-    """The pieces of chosen tiles (n,) over one part of each. triangles: (n,), by their corners (M, 3, 3)."""
+    """The pieces of chosen tiles (n,) over one part of each. corners: (M, 3, 3), of triangles; triangles: (n,),
+    indices."""
     points = selected_vectors(tiles.points, chosen)
     hulls = points if part.rows is None else transformed_nets(part.rows, points)
     return Pieces(triangles, hulls, transformed_nets(part.weights, corners[triangles].swapaxes(0, 1)))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds of leaves by feet: of the triangles of a bicubic leaf, as they are, from points of the surface nearby.
+"""Bounds of leaves by feet: of the distance between the triangles of a bicubic leaf and points of the surface nearby.
 
-The surface has to be smooth and regular in the leaf and in all that touch it, which may be of other sizes.
-docs/distance.md, Leaves of several sizes; letters are those used there.
+The surface has to be smooth and regular in the leaf and in all leaves that touch the leaf; sizes may differ.
+docs/distance.md, Leaves of several sizes, has the notation.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .templates import template_numbers
 
 BERNSTEIN_TO_NET = np.linalg.inv(NET_TO_BERNSTEIN)
 
-# Leaves that are smaller than this part of their coordinates have no feet: coordinates are off by 2⁻⁴⁸ of themselves at
-# most, and second differences of larger leaves by less than the part ROUNDING of these.
+# Leaves below this part of their coordinates have no feet: coordinates have relative errors of at most 2⁻⁴⁸, and second
+# differences of larger leaves have relative errors below ROUNDING.
 LEAST_SIZE = 2.0**-13
 
 
 def bounds_by_feet(plan: Plan, leaves: IndexArray) -> FloatArray:
-    """(n,): at least how far the triangles of some leaves, ascending, are from the surface; infinite beyond the limit,
-    and where there are no feet."""
+    """(n,): bounds of the distance between the triangles of leaves, ascending, and the surface; infinite beyond the
+    limit, and without feet."""
     found = np.full(len(leaves), np.inf)
     which = np.flatnonzero(plan.surfaces.are_smooth(leaves))
     curvature, speed = _constants_around(plan, leaves[which])
@@ -47,8 +47,8 @@ def bounds_by_feet(plan: Plan, leaves: IndexArray) -> FloatArray:
 def template_feet(
     coefficients: FloatArray, numbers: IndexArray, curvature: FloatArray, speed: FloatArray, limit: float
 ) -> FloatArray:
-    """(P,): B of bicubic leaves with coefficients (16, P, 3) and the templates of these numbers (P,), as tight as it
-    takes to compare it with the limit. curvature, speed: (P,), κ and α around each, α in parts of m per length."""
+    """(P,): B of bicubic leaves with coefficients (16, P, 3) and template numbers (P,), as tight as a comparison with
+    the limit needs. curvature, speed: (P,), κ and α around each leaf, α in units of m per length."""
     nets, _ = _nets(coefficients)
     frame, rounding = Frame.of(nets), ROUNDING * np.abs(nets).max(axis=(0, 1))
     tilts = np.stack(frame.tilts)
@@ -66,7 +66,8 @@ def template_feet(
 
 
 def _constants_around(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) each, of leaves, ascending, with all that touch them: κ; and α, in parts of the narrowest one per length."""
+    """(n,) each: κ, and α in units of the shortest side per length, of leaves, ascending, with all leaves that touch
+    them."""
     tree, near = plan.tree, with_rings(plan.tree, leaves, 1)
     curvature, speed = np.full((2, len(near)), np.inf)
     sizes = np.ldexp(1.0, -tree.levels[near].T.astype(np.int32))
@@ -83,10 +84,10 @@ def _constants_around(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, Float
 
 
 def _nets(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """The nets (16, 3, n) of bicubic leaves with coefficients (16, n, 3), from their middles on; and (n,) bool, whether
-    leaves are large for their coordinates."""
+    """(16, 3, n): the nets of bicubic leaves with coefficients (16, n, 3), relative to their middles; and (n,) bool:
+    whether leaves are large enough for their coordinates."""
     columns = coefficients.swapaxes(1, 2).reshape(16, -1)
-    # Differences first: those of what is near are exact.
+    # Differences come first: differences of near values are exact.
     local = columns - columns[:1]
     largest, size = (np.abs(each).max(axis=0).reshape(3, -1).max(axis=0) for each in (columns, local))
     nets = matrix_product(BERNSTEIN_TO_NET, local)

@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The surface over the triangles of templates, and what is drawn there, as functionals of Bernstein coefficients.
+"""The surface and the drawn triangles of templates as functionals of Bernstein coefficients.
 
 Over a part of a triangle S - T is a polynomial of total degree 6, and no longer than the longest of its 28 Bernstein
-coefficients there. The distance is measured at equal parameters, so it holds in both directions (docs/adaptive.md,
-Triangles on the surface).
-
-How exact: all parameters are multiples of 1/16 of the square, so the sums below are exact in double precision, and each
-weight is off by the rounding of one division. docs/adaptive.md (Rounding) has what follows from it.
+coefficients there. The distance at equal parameters holds in both directions (docs/adaptive.md, Triangles on the
+surface). All parameters are multiples of 1/16 of the square, so the sums below are exact in double precision, and each
+weight is off by the rounding of one division (docs/adaptive.md, Rounding).
 """
 
 from __future__ import annotations
@@ -23,21 +21,22 @@ from ..surface.squares import WHOLE_QUAD, Square
 from ..surface.triangle_coefficients import DEGREE, bicubic_basis, coefficients_over, counts_of
 from .templates import QUAD_POINTS, TRIANGLE_COUNTS, TRIANGLES, template_groups
 
-# Coefficients over quarters of triangles are nearer to the largest distance than those over triangles, which may exceed
-# it by this factor where the surface is quadratic.
+# The factor by which the largest coefficient over a triangle exceeds the largest distance where the surface is
+# quadratic; coefficients over quarters are nearer.
 MOST_OVER = 1.2
 
 # (8, 16): the points of a bicubic quad from its Bernstein coefficients.
 BICUBIC_POINTS = bicubic_basis(QUAD_POINTS)
 
 
-# From S - T over parts of the triangles of some quads (n,), as Bernstein coefficients (R, n, 3), to upper bounds (n,).
+# A function of S - T over parts of quads' triangles, as Bernstein coefficients (R, n, 3), that returns upper bounds
+# (n,).
 Measure = Callable[[FloatArray, IndexArray], FloatArray]
 
 
 def bounds_at_equal(coefficients: FloatArray, numbers: IndexArray, limit: float) -> FloatArray:
-    """(P,): upper bounds of ‖S - T‖ for bicubic quads with coefficients (16, P, 3) and the templates of these numbers
-    (P,), as tight as it takes to compare them with the limit."""
+    """(P,): upper bounds of ‖S - T‖ for bicubic quads with coefficients (16, P, 3) and template numbers (P,), as tight
+    as a comparison with the limit needs."""
 
     def longest(off: FloatArray, _: IndexArray) -> FloatArray:
         found: FloatArray = lengths(off).max(axis=0)
@@ -47,7 +46,7 @@ def bounds_at_equal(coefficients: FloatArray, numbers: IndexArray, limit: float)
 
 
 def bounds_over_parts(coefficients: FloatArray, numbers: IndexArray, limit: float, measure: Measure) -> FloatArray:
-    """(P,): upper bounds of S - T by a measure, for quads as in ``bounds_at_equal``."""
+    """(P,): upper bounds of a measure of S - T, for quads as in ``bounds_at_equal``."""
     found = np.empty(len(numbers))
     for pattern, alternative, own in template_groups(numbers):
         number, nets = 16 * alternative + pattern, selected_vectors(coefficients, own)
@@ -62,14 +61,14 @@ def bounds_over_parts(coefficients: FloatArray, numbers: IndexArray, limit: floa
 
 @lru_cache(maxsize=128)
 def _off_template(number: int, *, fine: bool = False) -> FloatArray:
-    """(R, 16): S - T over a bicubic quad by the triangles of a template, or their quarters if ``fine``."""
+    """(R, 16): the coefficients of S - T over the triangles of a template, or over their quarters if ``fine``."""
     rows = []
     for triangle in TRIANGLES[number, : TRIANGLE_COUNTS[number]]:
         corners = QUAD_POINTS[triangle]
         for part in quartered(corners) if fine else [corners]:
             of_surface, of_corners = functionals(part, WHOLE_QUAD, corners)
             rows.append(of_surface - of_corners @ BICUBIC_POINTS[triangle])
-    # At the vertices, where S is T, there is nothing; and triangles share coefficients on their sides.
+    # S - T vanishes at the vertices, and triangles share coefficients on their sides.
     found = np.unique(np.concatenate(rows), axis=0)
     return np.ascontiguousarray(found[np.any(found != 0, axis=1)])
 
@@ -82,8 +81,8 @@ def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def barycentric_rows(triangle: FloatArray) -> tuple[FloatArray, float]:
-    """(3, 3): from places (u, v, 1) to the weights of a triangle's vertices (3, 2) there, times twice its area; and
-    that. They are exact for parameters."""
+    """(3, 3): the matrix from places (u, v, 1) to the weights of a triangle's vertices (3, 2), times twice the area;
+    and twice the area. Both are exact for parameters."""
     (bx, by), (cx, cy) = np.roll(triangle, -1, axis=0).T, np.roll(triangle, -2, axis=0).T
     opposite = np.stack([by - cy, cx - bx, bx * cy - by * cx])
     return opposite, float(triangle[0] @ opposite[:2, 0] + opposite[2, 0])

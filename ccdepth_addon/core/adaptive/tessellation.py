@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tessellation of a tree's leaves: templates where sides are split, whole faces elsewhere."""
+"""The tessellation of a tree's leaves: templates for leaves with split sides, whole faces elsewhere."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ from .templates import (
 
 @dataclass(frozen=True)
 class Polygons:
-    """P polygons over the same points of leaves of ``size`` corners. leaves: (P,) the leaf of each, as an index into
-    the leaves."""
+    """P polygons over the same points of their leaves, each leaf with ``size`` corners. leaves: (P,) the leaf of each
+    polygon, as an index into the leaves."""
 
     leaves: IndexArray
     points: list[Point]
     size: int
 
     def slots(self, tree: RectangleTree, leaves: IndexArray) -> list[IndexArray]:
-        """The slots of the corners, for each point: (P,)."""
+        """(P,) for each point: the slots of the corners."""
         first = tree.first_slots(leaves[self.leaves])
         return [first + place for place, _ in self.points]
 
     def vertices(self, tree: RectangleTree, leaves: IndexArray) -> Iterator[ShortIndexArray]:
-        """The vertices, for each point: (P,)."""
+        """(P,) for each point: the vertices."""
         for slots, (_, middle) in zip(self.slots(tree, leaves), self.points, strict=True):
             yield tree.midpoints[tree.slot_edges[slots]] if middle else tree.slot_vertices[slots]
 
     def sides(self, tree: RectangleTree, leaves: IndexArray) -> Iterator[ShortIndexArray | int]:
-        """The tree's edges (P,), for each point: from there to the next point, or NONE if these lie inside the leaf."""
+        """(P,) for each point: the tree's edge from the point to the next, or NONE inside the leaf."""
         slots = self.slots(tree, leaves)
         for number, (place, middle) in enumerate(self.points):
             following = (number + 1) % len(self.points)
@@ -67,11 +67,9 @@ class Polygons:
 
 @dataclass(frozen=True)
 class Edges:
-    """E edges of C corners. of_corners: (C,) the edge from each corner to the next; vertices: (E, 2); base_edges: (E,)
-    the edge of the control mesh each lies on, or NONE.
-
-    clashing: (E,) bool, whether it lies inside a leaf without two faces, or another edge has the same vertices: as with
-    two quads over the same two opposite corners, both split along the diagonal between these.
+    """E edges between C corners. of_corners: (C,) the edge from each corner to the next; vertices: (E, 2); base_edges:
+    (E,) the control edge of each edge, or NONE. clashing: (E,) bool, edges inside a leaf without two faces, and edges
+    with the same vertices as another edge, such as the diagonals of two quads over the same two opposite corners.
     """
 
     of_corners: ShortIndexArray
@@ -82,11 +80,11 @@ class Edges:
 
 @dataclass(frozen=True)
 class TessellationPlan:
-    """The polygons that tessellate leaves (L,) of a tree, in the order of these, and their connectivity.
+    """The polygons that tessellate leaves (L,) of a tree, in the order of the leaves, and their connectivity.
 
     blocks: the polygons, by template; firsts: (P,) for each block, the first corners of its polygons. starts: (F + 1,)
     first corners; drawn: (F,) the leaf of each face, as an index into the leaves; used: (V,) vertices of the tree;
-    corner_vertices: (C,) indices into these.
+    corner_vertices: (C,) indices into ``used``.
     """
 
     tree: RectangleTree
@@ -101,7 +99,7 @@ class TessellationPlan:
 
     @property
     def clashes(self) -> IndexArray:
-        """The nodes with clashing edges, which have to be split."""
+        """The nodes to split because of clashing edges."""
         if not np.any(self.edges.clashing):
             return np.zeros(0, dtype=np.intp)
         clashing = np.logical_or.reduceat(self.edges.clashing[self.edges.of_corners], self.starts[:-1])
@@ -111,10 +109,7 @@ class TessellationPlan:
 def plan_tessellation(
     tree: RectangleTree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
 ) -> TessellationPlan:
-    """The tessellation of leaves (L,) of a tree, by their approximation.
-
-    Vertices and edges of the control mesh that have no faces are kept.
-    """
+    """The tessellation of leaves (L,) of a tree, by their approximation. Loose control vertices and edges are kept."""
     polygons = [
         *_polygons_of_quads(tree, leaves, approximation, transitions),
         *_polygons_of_faces(tree, leaves, transitions),
@@ -147,7 +142,7 @@ def tessellate(plan: TessellationPlan, positions: FloatArray) -> SubdividedMesh:
 
 
 def _base_vertices(tree: RectangleTree, used: IndexArray) -> ShortIndexArray:
-    """(V,) the vertices of the control mesh that vertices of the tree are, in ascending order, or NONE."""
+    """(V,): the control vertex at each vertex of the tree, or NONE, for vertices in ascending order."""
     found = np.full(len(used), NONE, dtype=np.int32)
     count = np.searchsorted(used, tree.mesh.vertex_count)
     found[:count] = used[:count]
@@ -181,18 +176,18 @@ def _polygons_of_template(
 
 
 def _polygons(leaves: IndexArray, points: Sequence[int], size: int = 4) -> Polygons:
-    """Polygons over points of leaves: corners 0 to size - 1, and from size on the middles of the sides."""
+    """The polygons over points of leaves: corners 0 to size - 1, then the middles of the sides."""
     return Polygons(leaves, [(point % size, point >= size) for point in points], size)
 
 
 def _around(split_sides: list[bool]) -> list[int]:
-    """The corners 0 to k - 1 of a polygon, each followed by the middle k + corner of its side if that is split."""
+    """The corners 0 to k - 1 of a polygon, each followed by the middle k + corner of its side if the side is split."""
     size = len(split_sides)
     return [point for side in range(size) for point in (side, size + side) if point < size or split_sides[side]]
 
 
 def _polygons_of_faces(tree: RectangleTree, leaves: IndexArray, transitions: Transitions) -> Iterator[Polygons]:
-    """Faces of the control mesh that are no quads: with a vertex at the middle of every split side."""
+    """The polygons of control faces other than quads, with a vertex at the middle of every split side."""
     others = np.flatnonzero(~tree.is_quad(leaves))
     sizes = tree.slot_counts(leaves[others])
     for size in np.unique(sizes).tolist():
@@ -207,18 +202,18 @@ def _polygons_of_faces(tree: RectangleTree, leaves: IndexArray, transitions: Tra
 
 
 def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[Sequence[int]]:
-    """The polygons that tessellate a face, by which of its sides are split."""
+    """The polygons that tessellate a face, by its split sides."""
     if len(split_sides) == 3 and any(split_sides) and transitions is Transitions.TRIANGLES:
         return [*triangle_template(sum(1 << side for side in range(3) if split_sides[side]))]
     order = _around(split_sides)
-    # A triangle with a fourth point on a side is a quad, which has to be triangulated from there.
+    # A triangle with a fourth point on a side is a quad, triangulated from the fourth point.
     first = next((place for place, point in enumerate(order) if point >= 3), 0) if len(split_sides) == 3 else 0
     return [order[first:] + order[:first]]
 
 
 def _order(polygons: list[Polygons], count: int) -> tuple[IndexArray, IndexArray, list[IndexArray]]:
-    """The polygons in the order of so many leaves, and those of a leaf in that of the blocks: (F + 1,) first corners,
-    (F,) leaves; and for each block (P,) first corners."""
+    """The polygons ordered by leaf, and within a leaf by block: (F + 1,) first corners, (F,) leaves; and for each block
+    (P,) first corners. count: of the leaves."""
     faces, corners = np.zeros((2, count), dtype=np.int32)
     for block in polygons:
         faces[block.leaves] += 1
@@ -237,7 +232,7 @@ def _order(polygons: list[Polygons], count: int) -> tuple[IndexArray, IndexArray
 def _at_corners(
     count: int, firsts: list[IndexArray], values: Iterable[Iterable[ShortIndexArray | int]]
 ) -> ShortIndexArray:
-    """(C,) the values for each block and each of its points, in the order of the corners."""
+    """(C,): the values of all points of all blocks, in the order of the corners."""
     found = np.empty(count, dtype=np.int32)
     for first, of_block in zip(firsts, values, strict=True):
         for number, of_point in enumerate(of_block):
@@ -246,7 +241,7 @@ def _at_corners(
 
 
 def _corner_points(plan: TessellationPlan) -> SurfacePoints:
-    """(C,) the corners' points on the surface."""
+    """(C,): the points of the corners on the surface."""
     count = plan.starts[-1]
     corners, parameters = np.empty(count, dtype=np.intp), np.empty((count, 2))
     for block, first in zip(plan.blocks, plan.firsts, strict=True):
@@ -260,10 +255,9 @@ def _corner_points(plan: TessellationPlan) -> SurfacePoints:
 def _edges(
     tree: RectangleTree, sides: ShortIndexArray, used: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray
 ) -> Edges:
-    """The edges: those of the tree in its order, then those inside leaves, then those of the mesh without faces.
-
-    sides: (C,) the tree's edge from each corner to the next, or NONE; they become the edges' own numbers, in place.
-    Those of the tree have all the faces they should, as it is balanced.
+    """The edges: first edges of the tree, in its order, then edges inside leaves, then loose edges of the mesh. sides:
+    (C,) the tree's edge from each corner to the next, or NONE; renumbered in place. Edges of the tree need no check of
+    their faces, as the tree is balanced.
     """
     is_used = np.zeros(len(tree.edge_vertices) + 1, dtype=bool)
     is_used[sides] = True
@@ -296,8 +290,8 @@ def _edges(
 def _inner_edges(
     corners: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray, count: int
 ) -> tuple[IndexArray, IndexArray]:
-    """The edges from some corners to the next ones in their faces: (I, 2) of so many vertices, each pair once, and
-    (corners,) the index of each."""
+    """(I, 2): the edges from corners to the next corners in their faces, each pair of vertices once; and (corners,):
+    the edge of each corner. count: of the vertices."""
     faces = np.searchsorted(starts, corners, side="right") - 1
     following = np.where(corners + 1 == starts[faces + 1], starts[faces], corners + 1)
     ends = np.stack([corner_vertices[corners], corner_vertices[following]])
@@ -306,13 +300,13 @@ def _inner_edges(
 
 
 def _keys(ends: NDArray[Any], count: int) -> IndexArray:
-    """(N,): a unique number for each pair of vertices (2, N), of so many, in whatever order."""
+    """(N,): a unique number for each unordered pair of vertices (2, N). count: of the vertices."""
     return np.minimum(*ends).astype(np.intp) * count + np.maximum(*ends)
 
 
 def _doubled(tree: RectangleTree, used: IndexArray, vertices: ShortIndexArray) -> BoolArray:
-    """(E,) which edges (E, 2) between used vertices have the same ends as another: both on the border of a face of the
-    control mesh, as edges within one face differ."""
+    """(E,) bool: whether an edge (E, 2) between used vertices has the same ends as another. Both then lie on borders of
+    control faces, as edges within one face differ."""
     on_border = (used < tree.mesh.vertex_count) | (tree.vertex_edges[used] != NONE)
     possible = np.flatnonzero(on_border[vertices[:, 0]] & on_border[vertices[:, 1]])
     _, pair, pairs = np.unique(_keys(vertices[possible].T, len(used)), return_inverse=True, return_counts=True)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit positions of a tree's vertices: recorded when leaves are looked at, or evaluated on demand.
+"""The limit positions of a tree's vertices: recorded when leaves are approximated, or evaluated on demand.
 
 The points of a bicubic quad are convex combinations of control points, like those of ``evaluation``, so the same
-allowance covers rounding (``face_depths.rounding_allowance``). Quads that share a vertex may differ by that; the last
-one recorded counts.
+allowance covers rounding (``face_depths.rounding_allowance``). Quads that share a vertex may differ by rounding; the
+last position recorded counts.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .rectangle_tree import NONE, RectangleTree
 
 
 class VertexPositions:
-    """Positions of a tree's vertices in the space of its mesh, recorded so far."""
+    """The positions of a tree's vertices recorded so far, in the space of the mesh."""
 
     def __init__(self, tree: RectangleTree) -> None:
         self._tree = tree
@@ -43,8 +43,8 @@ class VertexPositions:
         return found
 
     def in_space_of(self, control_positions: FloatArray, vertices: IndexArray) -> FloatArray:
-        """(N, 3): the positions of vertices (N,) in the space where the control mesh has these positions (V, 3). Those
-        without faces keep theirs."""
+        """(N, 3): the positions of vertices (N,) in the space where the control vertices have positions (V, 3).
+        Vertices without faces keep their positions."""
         mesh = self._tree.mesh
         if np.array_equal(control_positions, mesh.positions):
             return self.of(vertices)
