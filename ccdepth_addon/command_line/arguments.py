@@ -36,14 +36,14 @@ GATHERING = {"gather", "json", "csv", "html", "pictures", "overwrite"}
 SCENE_RANGE = "scene"
 
 DESCRIPTION = (
-    "How many Catmull-Clark levels does each face of a mesh need to be within a tolerance of the limit surface? "
-    "Computes it for all mesh objects of each file, and prints how many faces have which depth; or makes the meshes "
-    "that are within the tolerance, or measures whether they are."
+    "Computes how many Catmull-Clark levels bring each face within a tolerance of the limit surface, for all mesh "
+    "objects of each file, and prints the number of faces by depth; or makes meshes within the tolerance, or measures "
+    "whether meshes are within the tolerance."
 )
 EPILOG = (
     "Without a file, Blender's Suzanne is used. Options that are not given come from the scene of a .blend file, or "
-    "have the panel's defaults. Exit status: 0 when all is done and every tolerance met, 1 when something failed or a "
-    "tolerance is not met, 2 when the command line is wrong."
+    "have the panel's defaults. Exit status: 0 when all is done and every tolerance is met, 1 when something failed or "
+    "a tolerance is not met, 2 when the command line is wrong."
 )
 
 

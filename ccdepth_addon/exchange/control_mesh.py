@@ -302,8 +302,8 @@ def _read_evaluated(
     losing = copies.losing_modifier(blender_object, base_faces) if mesh.face_count else None
     if losing is not None:
         raise ControlMeshError(
-            f"the modifier “{losing}” does not keep the mesh's faces apart, so their depths cannot be told: apply "
-            "it, or turn Include Modifiers off"
+            f"the modifier “{losing}” merges faces of the mesh, so these faces have no depths: apply the modifier, "
+            "or turn Include Modifiers off"
         )
     return mesh, base_faces
 
@@ -312,6 +312,6 @@ def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:
     for modifier in modifiers:
         if modifier.type in SIMULATIONS:
             raise ControlMeshError(
-                f"the modifier “{modifier.name}” is a simulation, which cannot be counted in: apply it, or turn "
+                f"the modifier “{modifier.name}” is a simulation and cannot be included: apply it, or turn "
                 "Include Modifiers off"
             )

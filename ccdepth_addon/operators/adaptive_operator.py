@@ -110,7 +110,7 @@ def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
     if keys is None:
         return []
     if base_modifiers(source, use_modifiers=use_modifiers):
-        return [f"{source.name}: its shape keys are applied, like the modifiers that are counted in"]
+        return [f"{source.name}: its shape keys are applied, like the included modifiers"]
     if any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
         return [f"{source.name}: the tolerance is not proved where a vertex group limits a shape key"]
     return []

@@ -22,19 +22,19 @@ DEFAULT_TIME_LIMIT = 60.0
 TOLERANCE_DESCRIPTION = "Largest distance allowed between the subdivided faces and the limit surface"
 
 TOLERANCE_MODES = (
-    ("RELATIVE", "Relative", "The tolerance is a part of the diagonal of the object's dimensions"),
-    ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale counted in"),
+    ("RELATIVE", "Relative", "The tolerance is a fraction of the diagonal of the object's dimensions"),
+    ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale included"),
 )
 AT_EQUAL_PARAMETERS = (
-    ". Points are compared at equal parameters, on quads that are not cut into triangles. By Distance can ask for "
-    "fewer levels, or for more on twisted quads"
+    ". Points are compared at equal parameters, with quads as bilinear patches. By Distance can ask for fewer levels, "
+    "or for more on twisted quads"
 )
 METHOD_TEXTS = {
     "DISTANCE": (
         "By Distance",
         "Depth from the distance between the triangles that Blender draws and the limit surface, in both directions",
     ),
-    "CERTIFIED": ("Certified", "Depth from the mesh itself; quicker than By Distance" + AT_EQUAL_PARAMETERS),
+    "CERTIFIED": ("Certified", "Depth from the mesh itself, in less time than By Distance" + AT_EQUAL_PARAMETERS),
     "SHARP": (
         "Sharp",
         "Depth from second differences of the control points, with the least factors that hold for every mesh"
@@ -46,7 +46,7 @@ METHOD_TEXTS = {
     ),
     "FIRST_ORDER": (
         "First Order",
-        "Depth from how far apart the control points are, for comparison" + AT_EQUAL_PARAMETERS,
+        "Depth from the distances between control points, for comparison" + AT_EQUAL_PARAMETERS,
     ),
 }
 # Files store numbers, so what came later has later ones.
@@ -55,8 +55,8 @@ METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method], "NONE", METHOD_NUMBERS[meth
 VERTEX_TEXTS = {
     "OBJECT": (
         "From Modifier",
-        "As Use Limit Surface of each object's own Subdivision Surface modifier says; on the limit "
-        "surface without such a modifier",
+        "As set by Use Limit Surface in each object's own Subdivision Surface modifier; on the limit surface without "
+        "the modifier",
     ),
     "CONTROL": ("Control Mesh", "The subdivided mesh as it is (Use Limit Surface off)"),
     "LIMIT": (
@@ -103,8 +103,8 @@ HEAT_MAP_ITEMS = (
 )
 # Files store numbers: 0 was another range.
 COLOR_RANGE_ITEMS = (
-    ("TOLERANCE", "Up to the Tolerance", "The last colour is the tolerance, and faces beyond it are red", 1),
-    ("FIXED", "Fixed", "The last colour is a distance, the same on every mesh, and faces beyond it are red", 2),
+    ("TOLERANCE", "Up to the Tolerance", "The last colour is the tolerance, and faces beyond the tolerance are red", 1),
+    ("FIXED", "Fixed", "The last colour is one distance on every mesh, and faces beyond the distance are red", 2),
 )
 
 
@@ -141,7 +141,7 @@ def relative_tolerance_property(**others: Any) -> Any:
     """A fraction of the diagonal, likewise without a hard minimum. others: further arguments of the property."""
     return FloatProperty(
         name="Tolerance",
-        description=TOLERANCE_DESCRIPTION + ", as a part of the diagonal of the object's dimensions",
+        description=TOLERANCE_DESCRIPTION + ", as a fraction of the diagonal of the object's dimensions",
         soft_min=1e-6,
         soft_max=0.1,
         step=0.01,
@@ -158,9 +158,8 @@ class ToleranceProperties:
     )
     use_modifiers: BoolProperty(
         name="Include Modifiers",
-        description="Count in the modifiers above the Subdivision Surface modifier, or all modifiers of an "
-        "object without one. Apply Adaptive Subdivision applies the modifiers counted in, and keeps "
-        "all others",
+        description="Include the modifiers above the Subdivision Surface modifier; without that modifier, all "
+        "modifiers. Apply Adaptive Subdivision applies the included modifiers, and keeps all others",
         default=True,
     )
 
@@ -212,8 +211,8 @@ class FaceLimitProperties:
 
     max_faces: IntProperty(
         name="Face Limit",
-        description="The largest number of faces of all selected objects together: more are refused, and Find "
-        "Tolerance finds a tolerance that fits",
+        description="The largest number of faces of all selected objects together. A larger result is refused, and "
+        "Find Tolerance finds a tolerance that fits",
         default=5_000_000,
         min=1,
         soft_min=1000,
@@ -231,9 +230,9 @@ class MakingProperties:
     )
     reduce: BoolProperty(
         name="Reduce",
-        description="Make the fewest triangles, where quads do not matter: Blender's Decimate merges triangles "
-        "of a finer mesh as long as the tolerance is proved to hold. Seams, sharp edges, and borders "
-        "of materials and UV islands stay in place; shape keys cannot be kept",
+        description="Make few triangles, where quads do not matter: Blender's Decimate merges triangles of a finer "
+        "mesh as long as the tolerance is proved to hold. Seams, sharp edges, and borders of materials and UV "
+        "islands stay in place; shape keys cannot be kept",
         default=False,
     )
 
@@ -269,7 +268,7 @@ class MeasureProperties:
     # A fraction without a hard minimum, so that a bad one can be refused with a report.
     accuracy: FloatProperty(
         name="Accuracy",
-        description="How far apart the proved and the reached distance may be, as a part of the reached distance",
+        description="The largest difference of proved and reached distance, as a fraction of the reached distance",
         default=DEFAULT_ACCURACY,
         soft_min=0.01,
         soft_max=1.0,

@@ -162,14 +162,14 @@ def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_mo
     for modifier in counted:
         if modifier.name not in before and own.get(modifier.name) == modifier.type:
             return (
-                f"the modifier “{modifier.name}” of “{source.name}” is counted in now, and the result has it as well; "
+                f"the modifier “{modifier.name}” of “{source.name}” is included now, and the result has it as well; "
                 "remove it from the result, or turn Include Modifiers off"
             )
     missed = before - {modifier.name for modifier in applied_modifiers(source, use_modifiers=use_modifiers)}
     for modifier in source.modifiers:
         if modifier.name in missed and modifier.show_viewport and modifier.name not in own:
             return (
-                f"the modifier “{modifier.name}” of “{source.name}” was counted in and is not any more, and the result "
+                f"the modifier “{modifier.name}” of “{source.name}” was included and is not any more, and the result "
                 "does not have it; turn Include Modifiers on, or add it to the result"
             )
     return None

@@ -41,8 +41,8 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
     relative_tolerance: properties.relative_tolerance_property(default=properties.DEFAULT_RELATIVE_TOLERANCE)
     shown_tolerance_mode: EnumProperty(
         name="Tolerance Mode",
-        description="How the tolerance is given. Switching carries the distance over, for the active object or "
-        "the selected one",
+        description="How the tolerance is given. Switching keeps the distance, for the active object or the selected "
+        "one",
         items=properties.TOLERANCE_MODES,
         get=lambda self: MODES.index(self.tolerance_mode),
         set=_switch_mode,
@@ -66,7 +66,7 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
     )
     heat_map_playing: BoolProperty(
         name="While Playing",
-        description="Show the heat map while an animation plays as well, which may be slow",
+        description="Show the heat map also while an animation plays, at the cost of speed",
         default=False,
         update=_redraw,
     )

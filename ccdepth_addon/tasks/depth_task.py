@@ -228,7 +228,7 @@ def _task_of(blender_object: bpy.types.Object, tasks: dict[int, MeshTask]) -> Me
         if blender_object.name in task.object_names and (
             task.mesh_uid != mesh.session_uid or task.face_count != mesh_face_count(mesh)
         ):
-            raise ControlMeshError("it does not keep its mesh over the frames, so depths of its faces cannot be told")
+            raise ControlMeshError("its mesh changes over the frames, so its faces have no common depths")
     if mesh.session_uid not in tasks:
         with own_mesh(blender_object) as own:
             tasks[mesh.session_uid] = MeshTask(mesh.session_uid, len(own.polygons), geometry_checksum(own))

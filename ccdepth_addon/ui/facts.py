@@ -18,7 +18,7 @@ from .selected_objects import lengths_text
 LARGEST_COUNT_IN_FULL = 10**10
 
 OWN_FACES = "How many faces the mesh itself has, before modifiers; a mesh of several objects counts once"
-CONTROL_FACES = "How many faces the control mesh has: the mesh with the modifiers that are counted in"
+CONTROL_FACES = "How many faces the control mesh has: the mesh with the included modifiers"
 ALLOWED = "The allowed distance from the limit surface, in the scene's unit"
 
 
@@ -62,7 +62,7 @@ def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[
         facts.append(Fact(f"Faces at Level {record.uniform_level}", short_count(int(record.uniform_faces)), meaning))
     # A depth that is disproved at equal parameters may be enough all the same.
     if record.method == "DISTANCE":
-        meaning = "On how many faces no lesser depth is enough; proved"
+        meaning = "The number of faces for which no lesser depth is enough, as proved"
         facts.append(Fact("Proved Minimal", _exact_text(record.exact_faces, record.faces), meaning))
     return facts
 
@@ -131,7 +131,7 @@ def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> li
     least = length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)
     own = is_own(holder.data)
     against = "Its own limit surface" if own else found.against if target is None else target.name
-    reached = "The distance of a point that was found; the largest distance is between At Least and At Most"
+    reached = "The distance of one point; the largest distance is between At Least and At Most"
     return [
         *([] if own else [Fact("Object", measured_object(holder).name, "The measured object")]),
         Fact("Against", against, "The object with the limit surface"),
