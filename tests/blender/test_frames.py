@@ -322,7 +322,7 @@ def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:
 
     bpy.app.handlers.frame_change_post.append(swap)
     bpy.context.scene.frame_set(2)
-    with pytest.raises(RuntimeError, match=f"{holder.name}, on frame 6: it does not keep its mesh"):
+    with pytest.raises(RuntimeError, match=f"{holder.name}, on frame 6: its mesh changes over the frames"):
         compute(holder, bystander)
     bpy.app.handlers.frame_change_post.remove(swap)
     assert bpy.context.scene.frame_current == 2
