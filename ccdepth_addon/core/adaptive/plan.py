@@ -48,7 +48,7 @@ class Plan:
     and along the surface."""
 
     def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> None:
-        """progress: is told the number of leaves so far, and may raise to stop."""
+        """progress: receives the number of leaves so far, and may raise to stop."""
         self.request = request
         self._progress = progress
         self.tree = RectangleTree(mesh)
@@ -107,7 +107,8 @@ class Plan:
         return np.flatnonzero(is_there & (self.tree.first_child == NONE))
 
     def _patterns(self, leaves: IndexArray) -> IndexArray:
-        """(n,): the number of split sides of each leaf, which tells patterns apart, as sides are never joined again."""
+        """(n,): the number of split sides of each leaf, enough to tell patterns apart, as sides are never joined
+        again."""
         slots, counts = self.tree.slots(leaves), self.tree.slot_counts(leaves)
         found: IndexArray = np.add.reduceat(self.tree.hanging(slots), np.cumsum(counts) - counts, dtype=np.intp)
         return found
@@ -152,7 +153,7 @@ class Plan:
         return ways
 
     def split(self, leaves: IndexArray, ways: IndexArray) -> IndexArray:
-        """Split leaves, each once, in these ways (n,). Bicubic quads are quartered by two halvings. Returns the
+        """Split leaves, each once, in the given ways (n,). Bicubic quads are quartered by two halvings. Returns the
         children."""
         self._refuse_too_many(leaves)
         found = [np.zeros(0, dtype=np.intp)]

@@ -68,7 +68,7 @@ def subdivide_adaptively(
 
 
 def plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> tuple[Plan, TessellationPlan]:
-    """A plan whose leaves all have bounds within the limit, and its tessellation, no edges of which clash."""
+    """A plan with bounds within the limit for all leaves, and its tessellation without clashing edges."""
     plan = Plan(mesh, request, progress)
     leaves = np.arange(mesh.face_count)
     while len(missing := plan.approximate(leaves)):

@@ -5,14 +5,14 @@ A polygon with one loop of vertices is compared with the fan of bilinear quads b
 with the triangles of a template. Seen along some direction, these cover a region once if the quads of the fan are
 convex there and go round the centroid once, and all triangles of the template turn left.
 
-- Seen along the polygon's normal, whatever triangles are drawn between the vertices cover the region as well, and lie
-  over its convex hull, all between the lowest and the highest vertex. So no point of the one is farther from the other
-  than the polygon is thick and its dents are deep, both together.
-- Seen along the line that Blender looks along, the triangles it draws cover the region once. So no point of the one is
-  farther from the other than such a line takes through the polygon.
+- Seen along the polygon's normal, all possible triangles between the vertices cover the region as well, and lie over
+  its convex hull, between the lowest and the highest vertex. So the polygon's thickness and the depth of its dents,
+  both together, bound the distance.
+- Seen along the line that Blender looks along, the drawn triangles cover the region once. So the thickness of the
+  polygon along such a line bounds the distance.
 
-Blender looks along the polygon's normal in another space than proofs are made in. ``axes``, (3, 3) float64, has the
-axes of that space as its columns, in coordinates of this one.
+Blender looks along the polygon's normal in the object's space. ``axes``, (3, 3) float64, has the axes of that space as
+its columns, in the coordinates of the proofs.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ ANGLE_ROUNDING = 1e-6
 # three by twice as much. Vertices and unit vectors are rounded as well.
 SINGLE_ROUNDING, MORE_ROUNDINGS = 4 * 2.0**-24, 16
 
-# Nor must single precision decide along which line Blender looks at a polygon: where that matters, one space may
-# stretch one direction more than another by this factor.
+# The largest ratio of stretches between the spaces: beyond, single precision might decide the line along which Blender
+# looks at a polygon.
 MOST_UNEVEN = 1e4
 
 
@@ -104,8 +104,8 @@ def _newell_normals(facets: FloatArray, starts: IndexArray) -> FloatArray:
 
 
 def line_turns(facets: FloatArray, starts: IndexArray, axes: FloatArray, largest: float) -> FloatArray:
-    """(P,): how far the unit vectors along which Blender looks at polygons may be from those that are computed, as its
-    sums are in single precision (docs/adaptive.md, Polygons). Arguments: as of ``polygon_thickness``."""
+    """(P,): bounds of the distance between Blender's unit vectors along its lines and the computed unit vectors, as
+    Blender's sums are in single precision (docs/adaptive.md, Polygons). Arguments: as of ``polygon_thickness``."""
     corners, middles, _, _ = facets
     sizes = np.diff(starts, append=facets.shape[1])
     inverse = np.linalg.inv(axes)
@@ -115,7 +115,7 @@ def line_turns(facets: FloatArray, starts: IndexArray, axes: FloatArray, largest
     seen = normals @ axes
     doubled = np.sqrt(squared_norms(seen)) / abs(np.linalg.det(axes))
     off = SINGLE_ROUNDING * (2 * sizes + MORE_ROUNDINGS) * largest * around
-    # What a unit vector that is off by so much is off along the axes, and then as a unit vector.
+    # The error of a unit vector, taken along the axes, and then as a unit vector again.
     with np.errstate(divide="ignore", invalid="ignore"):
         stretches = np.sqrt(squared_norms(seen @ axes.T) / squared_norms(seen))
         found = 2 * np.linalg.norm(axes, 2) * (off / doubled) / stretches
@@ -150,8 +150,8 @@ def _is_region(
     triangles: Sequence[FloatArray],
     turns: FloatArray | None = None,
 ) -> BoolArray:
-    """(P,) whether fans and templates are seen to cover a region once, along directions (P, 3), and along all that are
-    no farther from these than turns (P,)."""
+    """(P,) whether fans and templates cover a region once, seen along directions (P, 3), and along all directions
+    within the turns (P,) of these."""
     sizes = np.diff(starts, append=facets.shape[1])
     turns = np.zeros(len(starts)) if turns is None else turns
     of_corner, is_three = np.repeat(directions, sizes, axis=0), sizes == 3
@@ -180,7 +180,7 @@ def _inner_triangles_turn_left(
 ) -> BoolArray:
     """For triangles with two bent sides, whether their middles and the corner that touches one of them turn left.
 
-    The convex quads of the fan see to all other triangles of ``templates.triangle_template``.
+    The convex quads of the fan prove all other triangles of ``templates.triangle_template``.
     """
     fine = np.ones(len(starts), dtype=bool)
     for side in range(3):
@@ -205,9 +205,9 @@ def _is_folded_from_middle(facets: FloatArray, bent: BoolArray, starts: IndexArr
 def _dents(
     facets: FloatArray, following: FloatArray, bent: BoolArray, normals: FloatArray, starts: IndexArray
 ) -> FloatArray:
-    """(P,) distances of the convex hulls of polygons from these, seen along their normals; inf where there is no proof.
+    """(P,): distances between polygons and their convex hulls, seen along their normals; inf without a proof.
 
-    There is one where a polygon is convex but for vertices at the middles of sides, which may dent these.
+    A proof needs a polygon that is convex but for dents by vertices at the middles of sides.
     """
     corners, middles, _, _ = facets
     sides, bends = following - corners, middles - corners

@@ -208,11 +208,11 @@ class RectangleTree:
     # How leaves are connected
 
     def hanging(self, slots: IndexArray) -> BoolArray:
-        """Whether the sides at these slots are split, whatever the shape of the array."""
+        """Whether the sides at slots are split; arrays of any shape."""
         return self.edge_children.take(self.slot_edges.take(slots)) != NONE
 
     def hanging_twice(self, slots: IndexArray) -> BoolArray:
-        """Whether half of the sides at these slots is split again."""
+        """Whether half of the sides at slots is split again."""
         return self._edge_states.values.take(self.slot_edges.take(slots)) >= SPLIT_TWICE
 
     def share_a_vertex(self, leaves: IndexArray, others: IndexArray) -> BoolArray:
@@ -232,7 +232,7 @@ class RectangleTree:
         return found
 
     def leaves_beside(self, nodes: IndexArray) -> IndexArray:
-        """The leaves whose split sides a split of these nodes may have changed, each once, in ascending order.
+        """The leaves with split sides that a split of given nodes may have changed, each once, in ascending order.
 
         Splitting a node splits only its sides. So the split sides of a leaf change only if a side of the leaf, or half
         of such a side, is a side of a node; or if the leaf is new.
@@ -247,7 +247,7 @@ class RectangleTree:
         return np.flatnonzero(beside & (self.first_child == NONE))
 
     def _nodes_along(self, edges: IndexArray) -> IndexArray:
-        """The nodes with these edges as sides, possibly with repetitions."""
+        """The nodes with given edges as sides, possibly with repetitions."""
         found = [np.zeros(0, dtype=np.int32)]
         slots = self._last_slots.values[edges]
         while len(slots := slots[slots != NONE]):

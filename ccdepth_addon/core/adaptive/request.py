@@ -24,10 +24,10 @@ class AdaptiveRequest:
     """The way to subdivide a control mesh. limit: the largest distance allowed, in the unit of the positions, with
     rounding already subtracted.
 
-    most_faces: the number of faces above which a result is refused. axes: (3, 3) float64, whose columns are the axes of
-    the space where Blender triangulates the result, in coordinates of the positions. largest_coordinate: the largest
+    most_faces: the number of faces above which a result is refused. axes: (3, 3) float64, in columns the axes of the
+    space where Blender triangulates the result, in coordinates of the positions. largest_coordinate: the largest
     absolute coordinate of the control mesh in that space. are_squares: whether quads are only quartered, never halved,
-    as serves a later reduction.
+    as for a later reduction.
     """
 
     limit: float

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 # enough to hide the interpreter's overhead.
 AT_ONCE = 1 << 13
 
-# The same of what takes many numbers each: faces refined with their neighbours, pieces compared with many others.
+# The number of entries of many numbers each: faces refined with their neighbours, pieces compared with many others.
 FEW_AT_ONCE = 1 << 11
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from .chunks import chunks
 from .types import FloatArray
 
-# OpenBLAS uses one thread for so many multiplications at most.
+# The largest number of multiplications for which OpenBLAS uses one thread.
 ON_ONE_THREAD = 1 << 18
 
 

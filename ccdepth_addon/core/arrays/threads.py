@@ -25,7 +25,7 @@ def map_in_threads(
 ) -> Iterator[Result]:
     """``function`` of each task, in the order of the tasks, computed a few tasks ahead of the caller.
 
-    tick: called every ``SECONDS_BETWEEN_TICKS`` while a result is being computed; it may raise to stop. That, or
+    tick: called every ``SECONDS_BETWEEN_TICKS`` while a result is being computed; it may raise to stop. Stopping, or
     closing the generator, cancels the tasks that have not begun. Within a task, the tasks are done in its own thread,
     and ``tick`` is not called: waiting for other threads there could take forever.
     """

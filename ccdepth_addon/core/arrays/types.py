@@ -6,6 +6,6 @@ from numpy.typing import NDArray
 
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.intp]
-# Of generated meshes: Blender's own type, at half the size.
+# The indices of generated meshes: Blender's own type, at half the size.
 ShortIndexArray = NDArray[np.int32]
 FloatArray = NDArray[np.float64]

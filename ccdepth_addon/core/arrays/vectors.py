@@ -18,7 +18,7 @@ from .types import FloatArray, IndexArray
 
 
 def selected_vectors(vectors: FloatArray, indices: IndexArray) -> FloatArray:
-    """(…, n, 3), component-major: those of (…, P, 3) at the indices (n,)."""
+    """(…, n, 3), component-major: the vectors (…, P, 3) at the indices (n,)."""
     return vectors.swapaxes(-1, -2).take(indices, axis=-1).swapaxes(-1, -2)
 
 
@@ -39,7 +39,7 @@ def transformed_nets(matrix: FloatArray, nets: FloatArray) -> FloatArray:
 
 
 def squared_norms(vectors: FloatArray) -> FloatArray:
-    """(…, 3) vectors → (…) squared lengths."""
+    """(…): the squared lengths of vectors (…, 3)."""
     squares = vectors * vectors
     # Three strided sums are faster than a reduction over an axis of three.
     total = squares[..., 0] + squares[..., 1]
@@ -48,18 +48,18 @@ def squared_norms(vectors: FloatArray) -> FloatArray:
 
 
 def lengths(vectors: FloatArray) -> FloatArray:
-    """(…, 3) vectors → (…)."""
+    """(…): the lengths of vectors (…, 3)."""
     return np.sqrt(squared_norms(vectors))
 
 
 def units(vectors: FloatArray) -> FloatArray:
-    """(…, 3) vectors made 1 long, but zero where there is no direction."""
+    """(…, 3): vectors of length 1, zero for vectors without a direction."""
     length = lengths(vectors)
     return vectors / np.where(length > 0, length, 1.0)[..., None]
 
 
 def dot_products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(…, 3) vectors each → (…); faster than numpy's own on component-major vectors."""
+    """(…): the scalar products of vectors (…, 3), faster than numpy's own on component-major vectors."""
     dots = a[..., 0] * b[..., 0]
     dots += a[..., 1] * b[..., 1]
     dots += a[..., 2] * b[..., 2]
@@ -67,7 +67,7 @@ def dot_products(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def cross_products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(…, 3) vectors each → (…, 3); numpy's own takes several times as long."""
+    """(…, 3): the cross products of vectors (…, 3), several times as fast as numpy's own."""
     product = np.empty_like(a, shape=np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.multiply(a[..., j], b[..., k], out=product[..., i])

@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""UV maps as face-varying surfaces: which corners share a UV vertex, and where the map stays sharp.
+"""UV maps as face-varying surfaces: the corners that share a UV vertex, and the places where the map stays sharp.
 
-A UV map is a control mesh in the plane with the faces and corners of the mesh it belongs to, cut open along its seams.
-Subdividing it needs no rules beside those of ``catmull_clark``, given the right sharpness. This follows OpenSubdiv's
-face-varying interpolation (its ``vtr/fvarLevel``) and Blender's converter to it, in our own words:
+A UV map is a control mesh in the plane with the faces and corners of its mesh, cut open along its seams. Subdividing it
+needs no rules beside those of ``catmull_clark``, given the right sharpness. This follows OpenSubdiv's face-varying
+interpolation (its ``vtr/fvarLevel``) and Blender's converter to it, in our own words:
 
 - Corners at a vertex share a UV vertex when their UVs are closer than ``WELD_DISTANCE`` in u and in v, and their faces
   are wound the same way in the map: a mirrored half stays apart though its UVs coincide.
 - An edge is whole when the faces at it share the UV vertices at both its ends; else it is cut, into one for each face.
 - Whole edges, and UV vertices that no cut touches, follow the rules of the mesh's own edges and vertices, creases too.
 - Cut edges are sharp; the modifier's UV Smooth decides what happens at their ends.
-- A UV vertex in several fans of faces, which touch in a point, stays in place. But where two of them alternate around a
-  vertex, OpenSubdiv counts the second fan of the second one as another UV vertex, and so does this module.
+- A UV vertex in several fans of faces, which touch in a point, stays in place. But if two such UV vertices alternate
+  around a vertex, OpenSubdiv counts the second fan of the second one as another UV vertex, and so does this module.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def face_varying_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: st
     cut = _CutMesh(mesh, *_parted(mesh, *_welded(mesh, uvs)))
     whole = cut.mesh
     corners = _sharp_corners(cut, smooth)
-    # A neighbour's sharpness does not change those with sharpness of their own.
+    # A neighbour's sharpness does not change UV vertices with sharpness of their own.
     softly = np.where(whole.vertex_sharpness > 0, whole.vertex_sharpness, _neighbours_sharpness(cut, smooth))
     return replace(whole, vertex_sharpness=np.where(corners, INFINITELY_SHARP, softly))
 
@@ -57,8 +57,8 @@ def face_varying_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: st
 def _welded(mesh: PolygonMesh, uvs: NDArray[np.float32]) -> tuple[IndexArray, FloatArray]:
     """(C,) intp, the UV vertex of each corner, and (W, 3) float64, the positions of the UV vertices.
 
-    In every round the last corner left at each vertex joins the others near it. The order matters only where UVs differ
-    by about the welding distance; it is Blender's.
+    In every round the last corner left at each vertex joins the others near it. The order, Blender's own, matters only
+    where UVs differ by about the welding distance.
     """
     uvs = uvs.astype(np.float32)
     mirrored = _is_mirrored(mesh, uvs)[mesh.corner_faces]
@@ -112,10 +112,10 @@ def _parted(mesh: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) ->
 
 
 def _first_corners(mesh: PolygonMesh, wanted: BoolArray) -> IndexArray:
-    """The corners from which OpenSubdiv goes around those of the wanted vertices (V,) whose faces are one fan or ring:
-    on the boundary that with no face before it, elsewhere that of the first face.
+    """The corner from which OpenSubdiv goes around each wanted vertex (V,) with a single fan or ring of faces: on the
+    boundary the corner without a face before it, elsewhere the corner of the first face.
 
-    Infinitely sharp vertices are left out, as nothing moves there; all vertices with other faces are among them.
+    Infinitely sharp vertices, among them all vertices with other faces, are left out, as nothing moves there.
     """
     corners = np.arange(mesh.corner_count)
     on_boundary = corners[mesh.twin == corners]
@@ -126,7 +126,7 @@ def _first_corners(mesh: PolygonMesh, wanted: BoolArray) -> IndexArray:
 
 
 def _base_vertices(mesh: PolygonMesh, corner_uvs: IndexArray, count: int) -> IndexArray:
-    """(W,) the vertex of the mesh for each of so many UV vertices."""
+    """(W,) the mesh vertex of each of W UV vertices."""
     found = np.zeros(count, dtype=np.intp)
     found[corner_uvs] = mesh.corner_vertices
     return found
@@ -138,12 +138,12 @@ def _uv_counts(mesh: PolygonMesh, base_vertices: IndexArray) -> IndexArray:
 
 
 def _not_manifold(mesh: PolygonMesh) -> BoolArray:
-    """(E,) edges with several faces that are no two on either side of it."""
+    """(E,) bool: the edges with several faces, other than one on either side."""
     return (mesh.edge_face_counts > 1) & ~mesh.edge_has_twins
 
 
 def _touch(mesh: PolygonMesh, edges: BoolArray) -> BoolArray:
-    """(V,) whether a vertex touches one of these edges (E,)."""
+    """(V,) bool: whether a vertex touches one of the given edges (E,)."""
     found = np.zeros(mesh.vertex_count, dtype=bool)
     found[mesh.edge_vertices[edges].reshape(-1)] = True
     return found
@@ -173,7 +173,7 @@ class _CutMesh:
         return cut
 
     def _with_edges(self, corner_uvs: IndexArray, positions: FloatArray, ends: IndexArray) -> PolygonMesh:
-        """Number edges: whole ones keep their number, and the parts of cut ones come after them."""
+        """Number edges: whole edges keep their number, and the parts of cut edges come after them."""
         base = self.base
         cut_corners = np.flatnonzero(self.edge_is_cut[base.corner_edges])
         corner_edges = base.corner_edges.copy()
@@ -195,7 +195,7 @@ class _CutMesh:
         )
 
     def edges_at(self, edges: BoolArray) -> IndexArray:
-        """(W,) the number of these edges of the cut mesh at each UV vertex."""
+        """(W,): the number of given edges of the cut mesh at each UV vertex."""
         return np.bincount(self.mesh.edge_vertices[edges].reshape(-1), minlength=self.uv_count)
 
     @property
@@ -239,9 +239,9 @@ def _anywhere(cut: _CutMesh, chosen: BoolArray) -> BoolArray:
 
 
 def _neighbours_sharpness(cut: _CutMesh, smooth: str) -> FloatArray:
-    """(W,) where junctions are kept, of two UV vertices at a vertex one stays sharp as long as the other one does.
+    """(W,): the sharpness that one of two UV vertices at a vertex takes from the other, if junctions are kept.
 
-    While other creases at the vertex go on, along the cut, it does so to the end of the level.
+    While other creases at the vertex go on, along the cut, the sharpness lasts to the end of the level.
     """
     if smooth not in JUNCTIONS:
         return np.zeros(cut.uv_count)
@@ -255,7 +255,7 @@ def _neighbours_sharpness(cut: _CutMesh, smooth: str) -> FloatArray:
 
 
 def _sharpest(mesh: PolygonMesh, edge_sharpness: FloatArray) -> FloatArray:
-    """(V,) the largest of these sharpnesses (E,) at each vertex."""
+    """(V,): the largest of the sharpnesses (E,) of edges at each vertex."""
     sharpest = np.zeros(mesh.vertex_count)
     chosen = edge_sharpness > 0
     np.maximum.at(sharpest, mesh.edge_vertices[chosen].reshape(-1), np.repeat(edge_sharpness[chosen], 2))
@@ -263,8 +263,8 @@ def _sharpest(mesh: PolygonMesh, edge_sharpness: FloatArray) -> FloatArray:
 
 
 def _faded(mesh: PolygonMesh, edge_sharpness: FloatArray) -> FloatArray:
-    """(V,) after how many levels none of these sharpnesses (E,) is left at each vertex: the mean of those that are gone
-    in the last level."""
+    """(V,): the number of levels after which none of the sharpnesses (E,) is left at each vertex: the mean of the
+    sharpnesses that end in the last level."""
     last = np.ceil(_sharpest(mesh, edge_sharpness)) - 1
     chosen = edge_sharpness > 0
     ends, values = mesh.edge_vertices[chosen].reshape(-1), np.repeat(edge_sharpness[chosen], 2)

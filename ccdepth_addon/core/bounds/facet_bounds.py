@@ -45,7 +45,7 @@ def facet_error(net: FloatArray, vertices: Vertices) -> FloatArray:
 
 
 def _facet_error(vertices: Vertices) -> FloatArray:
-    """(16, 16): these coefficients as functionals of the net, coefficient [i, j] in row 4i + j."""
+    """(16, 16): the coefficients of ``facet_error`` as functionals of the net, coefficient [i, j] in row 4i + j."""
     points = np.eye(16).reshape(4, 4, 16)
     values = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN).reshape(4, 4, 16)
     corners = points[[1, 2, 2, 1], [1, 1, 2, 2]] if vertices is Vertices.CONTROL else values[[0, 3, 3, 0], [0, 0, 3, 3]]
@@ -63,7 +63,7 @@ def control_corner_errors(net: FloatArray) -> FloatArray:
 
 
 def control_facet_bounds(net: FloatArray, at_corners: FloatArray) -> FloatArray:
-    """(P,) float64: ‖L - S‖ at most over the patches' own facets with control vertices.
+    """(P,) float64: upper bounds of ‖L - S‖ over the patches' own facets with control vertices.
 
     at_corners: ``control_corner_errors``. Of the 16 coefficients the four in the middle are 0, and those at the corners
     are values.
@@ -95,7 +95,7 @@ class LaterBounds:
         return LaterBounds(self.vertices, *(bounds.take(chosen) for bounds in own))
 
     def at(self, levels: int) -> FloatArray:
-        """(P,) float64: ‖L - S‖ at most, so many levels after the patch's own."""
+        """(P,) float64: upper bounds of ‖L - S‖, a number of levels after the patch's own."""
         h = 0.5**levels
         scale = h * h * SCALE[self.vertices]
         mixed = np.maximum(self.together, self.apart) + MISMATCH[self.vertices] * h * self.change
@@ -105,9 +105,10 @@ class LaterBounds:
         return scale * (mixed + scale * self.twist)
 
     def least(self, levels: int) -> FloatArray:
-        """(P,) float64: ‖L - S‖ at least. At a corner of the patch it is ‖A + B - sR‖ times s with control vertices.
+        """(P,) float64: lower bounds of ‖L - S‖. At a corner of the patch ‖L - S‖ is ‖A + B - sR‖ times s with control
+        vertices.
 
-        With limit vertices 0: corners tell nothing, ``sampled_error`` does.
+        With limit vertices the bound is 0, as corners tell nothing; ``sampled_error`` has better bounds.
         """
         if self.vertices is Vertices.LIMIT:
             return np.zeros(len(self.twist))
@@ -181,7 +182,7 @@ APART_FUNCTIONALS = _apart_functionals(LEAST_WEIGHT[Vertices.CONTROL])
 
 
 def sampled_error(net: FloatArray, vertices: Vertices, levels: int) -> FloatArray:
-    """(P,) float64: ‖L - S‖ at least, so many levels later, sampled in the facets at the patch's corners."""
+    """(P,) float64: lower bounds of ‖L - S‖, a number of levels later, sampled in the facets at the patch's corners."""
     return largest_norm(apply(_samples(vertices, levels), net))
 
 
@@ -197,7 +198,7 @@ def _samples(vertices: Vertices, levels: int) -> FloatArray:
 
 
 def _error_at(vertices: Vertices, h: float, u: float, v: float) -> FloatArray:
-    """(1, 16): L - S at parameters (u, v) of a patch whose facets have side h."""
+    """(1, 16): L - S at parameters (u, v) of a patch with facets of side h."""
     value = tensor(_spline_at(u), _spline_at(v))
     low_u, low_v = (min(np.floor(x / h), 1 / h - 1) * h for x in (u, v))
     s, t = (u - low_u) / h, (v - low_v) / h

@@ -3,8 +3,8 @@
 
 The distance of a face at level k is measured at equal parameters: the largest ‖Lᵏ(u, v) - S(u, v)‖, with S the face's
 patch and Lᵏ bilinear over each of its level-k subfaces. With CONTROL vertices the corners of Lᵏ are the level-k control
-points; with LIMIT vertices they are moved to the limit surface. M is the second-order norm, Δ the first-order norm.
-Derivations that are our own stand in docs/methods.md.
+points; with LIMIT vertices they are moved to the limit surface. M is the second-order norm, Δ the first-order norm. Our
+own derivations are in docs/methods.md.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def published_rate(valence: int) -> float:
 def published_divisor(valence: int) -> float:
     """z of Theorem 8: ‖L - S‖ ≤ M/z.
 
-    For n > 8 Lemma 7 prints n²/(4(n² - 8n + 46)) as 1/z; the sum in its proof gives n²/(2(n² - 8n + 46)), as
-    Theorem 8 has it, and only that one holds.
+    For n > 8 Lemma 7 prints n²/(4(n² - 8n + 46)) as 1/z; the sum in its proof gives n²/(2(n² - 8n + 46)), as in Theorem
+    8, and only this holds.
     """
     n = valence
     if n == 3:
@@ -191,10 +191,10 @@ def first_order_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBound
 
 @dataclass(frozen=True)
 class PatchMethod:
-    """A method: its bounds of regular nets (4, 4, P, 3) and of extraordinary ones (2n + 8, P, 3).
+    """A method: its bounds of regular nets (4, 4, P, 3) and of extraordinary nets (2n + 8, P, 3).
 
-    falling: the kinds of patches whose bounds fall by one rate with each level. The sharp factors rise a little where
-    their period begins anew.
+    falling: the kinds of patches with bounds that fall by one rate with each level. The sharp factors rise a little
+    where their period begins anew.
     """
 
     regular: Callable[[FloatArray, Vertices], PatchBounds]
@@ -211,7 +211,7 @@ PATCH_METHODS = {
 
 
 def support_bounds(mesh: PolygonMesh, vertices: Vertices) -> FloatArray:
-    """(F,) float64: a bound of ‖L - S‖ for every face of a mesh of quads, whatever the rules at its vertices.
+    """(F,) float64: a bound of ‖L - S‖ for every face of a mesh of quads, with any rules at its vertices.
 
     Every rule is an average with non-negative weights, so a face's patch lies in the convex hull of its support, the
     points of all faces around its corners: no point of it is farther from the facet than the farthest support point is

@@ -17,11 +17,11 @@ def largest_coordinates(mesh: PolygonMesh) -> FloatArray:
 
 
 def rounded_size(mesh: PolygonMesh) -> float:
-    """R, the length that all rounding of positions is relative to: the length of ``largest_coordinates``, or
-    ``PolygonMesh.rounded_size`` if that is longer. In the unit of the positions.
+    """R, the reference length of all rounding of positions, in their unit: the length of ``largest_coordinates``, or
+    ``PolygonMesh.rounded_size`` if that is longer.
 
-    Blender rounds positions P in object space: a coordinate by a part u of the largest one along its axis, m. With the
-    linear part W of the object's matrix that is ‖W δ‖ ≤ u‖|W| m‖, however short W P is.
+    Blender rounds positions P in object space, each coordinate by a part u of the largest one along its axis, m. With
+    the linear part W of the object's matrix that is ‖W δ‖ ≤ u‖|W| m‖, however short W P is.
     """
     return max(float(np.linalg.norm(largest_coordinates(mesh))), mesh.rounded_size)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Patches of the base faces of a search, regular and extraordinary ones, and how a refinement is sorted into them."""
+"""The regular and extraordinary patches of the base faces of a search, sorted from a refinement."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def selected_pieces(bases: IndexArray, values: FloatArray, chosen: BoolArray) ->
 class RegularPatches:
     """Regular patches that appear at one level: (P,) base faces.
 
-    rows: (P,) indices of their nets in (4, 4, N, 3), which may still hold nets of faces that are settled.
-    rough, later: bounds by the norm alone and from the net itself, computed on first use.
+    rows: (P,) indices of their nets in (4, 4, N, 3), with perhaps further nets of settled faces. rough, later: bounds
+    by the norm alone and from the net itself, computed on first use.
     """
 
     level: int
@@ -118,8 +118,8 @@ class ExtraordinaryPatches:
 
 @dataclass(frozen=True)
 class ClassifiedDescendants:
-    """The descendants in a refinement by the kind of their patch: indices of the regular ones; (descendants,) bool,
-    those that are no patches (``rest``)."""
+    """The descendants in a refinement by the kind of their patch: indices of the regular descendants; (descendants,)
+    bool, the descendants that are no patches (``rest``)."""
 
     refinement: Refinement
     kinds: PatchKinds
@@ -146,7 +146,7 @@ class ClassifiedDescendants:
             yield ExtraordinaryPatches(self.refinement.bases[faces[of_valence]], nets), faces[of_valence]
 
     def corners_from_extraordinary(self, faces: IndexArray) -> IndexArray:
-        """(4, P): the corners 0 to 3 of extraordinary faces, from the extraordinary one on as in their nets."""
+        """(4, P): the corners 0 to 3 of extraordinary faces, from the extraordinary corner on, as in their nets."""
         first = self.kinds.extraordinary_corners[faces] - self.refinement.mesh.face_starts[faces]
         return (first + np.arange(4)[:, None]) % 4
 

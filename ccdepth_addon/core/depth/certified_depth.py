@@ -2,10 +2,10 @@
 """The certified depth: proved from the mesh itself, both ways, level by level.
 
 For level k = 0, 1, 2, … the level-k facets of every face without a depth are tested against the tolerance. An upper
-bound on their distance can prove them within it, a distance reached somewhere on them can disprove it; while neither
-does, the undecided parts are split and evaluated again. Regular patches are bounded in closed form (``facet_bounds``)
-and split by knot insertion, then in Bernstein form. All other faces are refined with their neighbours, together with
-the level-k facets over them, until they are regular patches or their last bound is small enough (docs/methods.md,
+bound within the tolerance proves the level; a distance beyond the tolerance, reached somewhere, disproves it; otherwise
+the undecided parts are split and evaluated again. Regular patches are bounded in closed form (``facet_bounds``) and
+split by knot insertion, then in Bernstein form. All other faces are refined with their neighbours, together with the
+level-k facets over them, until they are regular patches or their last bound is small enough (docs/methods.md,
 Certified).
 """
 
@@ -50,15 +50,15 @@ from .base_patches import (
 from .level_decision import LevelDecision
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
-# Each thread holds the refined mesh around so many.
+# The number of faces whose refined mesh each thread holds.
 OTHER_FACES_AT_ONCE = 1 << 10
 
-# Cutting faces out of the mesh with their neighbours scans all of it, so many chunks are cut out together.
+# Cutting faces out with their neighbours scans the whole mesh, so this many chunks are cut out together.
 OTHER_FACES_TOGETHER = 1 << 15
 
-# How often undecided parts are split. Each split multiplies the gap between the bounds by about a quarter for a patch
-# in Bernstein form, by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex, and by a half where
-# only the support is known.
+# The number of times undecided parts are split. Each split multiplies the gap between the bounds by about a quarter for
+# a patch in Bernstein form, by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex, and by a half
+# with only the support known.
 NET_SPLITS = 3
 DIFFERENCE_SPLITS = 9
 REFINEMENTS = 18
@@ -87,7 +87,7 @@ def certified_level_bounds(
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called while they compute, and may raise.
 
-    nearly: whether bounds shall be as near as those of ``certified_depths``; others take less time.
+    nearly: whether bounds have to be as near as in ``certified_depths``; other bounds take less time.
     """
     return map_in_threads(lambda begin: begin().at(level, nearly=nearly), _searches(mesh, faces, test, vertices), tick)
 
@@ -160,11 +160,12 @@ class _CertifiedSearch:
     def _evaluate_level(self, decision: LevelDecision, level: int, *, with_distances: bool = False) -> BoolArray:
         """Evaluate the search's current level; (B,) bool, the base faces proved to be within the tolerance.
 
-        with_distances: whether to look for the largest distances that are reached.
+        with_distances: whether to find the largest distances reached.
         """
         self._collect_patches(level)
         self._evaluate_corners(decision)
-        # First what converges slowest: it disproves most levels, and the many regular patches need not be evaluated.
+        # The slowest to converge comes first: it disproves most levels, and then the many regular patches need not be
+        # evaluated.
         for patches in self.extraordinary:
             patches = patches.at(np.flatnonzero(decision.wanted[patches.bases]))
             self._evaluate_extraordinary(decision, patches, patches.corners(self.vertices))
@@ -174,7 +175,7 @@ class _CertifiedSearch:
             self._evaluate_differences(decision, *joined_pieces(decision.open_differences))
         settled = decision.wanted & np.isfinite(decision.upper)
         for regular in evaluated:
-            # Without bounds by the norm alone, those from the nets are recorded already.
+            # Without bounds by the norm alone, the bounds from the nets are recorded already.
             if with_distances or regular.rough is not None:
                 self._tighten_bounds(decision, regular.of(settled), level)
         return settled
@@ -225,9 +226,9 @@ class _CertifiedSearch:
             self.new_patches = []
 
     def _evaluate_corners(self, decision: LevelDecision) -> None:
-        """Disprove faces by how far control points at extraordinary vertices are from their limits.
+        """Disprove faces by the distances of control points at extraordinary vertices from their limits.
 
-        It is the cheapest test, and most levels that are too low fail it.
+        This test is the cheapest, and disproves most insufficient levels.
         """
         if self.vertices is Vertices.CONTROL:
             for patches in self.extraordinary:
@@ -235,9 +236,9 @@ class _CertifiedSearch:
                 decision.disprove(patches.bases, gaps)
 
     def _evaluate_patches(self, decision: LevelDecision, level: int) -> list[RegularPatches]:
-        """Evaluate the regular patches of the faces that are still wanted, and return them.
+        """The regular patches of the wanted faces, evaluated.
 
-        For most patches that a face is refined into, the bound by their norm alone is enough.
+        For most patches of a refined face the bound by their norm alone is enough.
         """
         evaluated = []
         for patches in self.patches:
@@ -254,7 +255,8 @@ class _CertifiedSearch:
         return evaluated
 
     def _evaluate_nets(self, decision: LevelDecision, patches: RegularPatches, levels: int) -> None:
-        """Evaluate regular patches for the facets so many levels after their own, with the cheapest bounds first."""
+        """Evaluate regular patches for the facets a number of levels after their own, with the cheapest bounds
+        first."""
         undecided = np.flatnonzero(decision.update(patches.bases, *self._first_bounds(patches, levels)))
         bases, nets = patches.bases[undecided], patches.nets_of(undecided)
         for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
@@ -269,24 +271,25 @@ class _CertifiedSearch:
         decision.give_up(bases)
 
     def _has_later_bounds(self, levels: int) -> bool:
-        """Whether ``later_bounds`` are the ones to use: a control facet of the patch's own level has better bounds."""
+        """Whether to use ``later_bounds``: a control facet of the patch's own level has better bounds."""
         return levels > 0 or self.vertices is Vertices.LIMIT
 
     def _first_bounds(self, patches: RegularPatches, levels: int) -> tuple[FloatArray, FloatArray]:
-        """(P,) each: distances at most and at least, so many levels after the patches' own."""
+        """(P,) each: upper and lower bounds of the distances, a number of levels after the patches' own."""
         if not self._has_later_bounds(levels):
             return self._control_bounds(patches.compact())
         later = patches.later_bounds(self.vertices)
         return later.at(levels), later.least(levels)
 
     def _closer_bounds(self, nets: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
-        """(P,) each: the same from the nets (4, 4, P, 3), with sampled distances."""
+        """(P,) each: upper bounds from the nets (4, 4, P, 3), and sampled distances."""
         if not self._has_later_bounds(levels):
             return self._control_bounds(nets)
         return later_bounds(nets, self.vertices).at(levels), sampled_error(nets, self.vertices, levels)
 
     def _control_bounds(self, nets: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(P,) each: the same of the control facets of the nets' own level. Corners alone disprove most of them."""
+        """(P,) each: upper and lower bounds for the control facets of the nets' own level. Corners alone disprove most
+        facets."""
         lower = control_corner_errors(nets)
         upper = np.full(len(lower), np.inf)
         open_ = np.flatnonzero(~self.test.exceeds(lower))
@@ -300,7 +303,7 @@ class _CertifiedSearch:
             within_reach = patches.rough.at(levels) > decision.lower[patches.bases]
             patches = patches.at(np.flatnonzero(within_reach))
         elif not self._has_later_bounds(levels):
-            # These bounds were recorded when the patches were evaluated.
+            # The evaluation of the patches has recorded these bounds.
             return
         if len(patches.bases):
             upper, lower = self._first_bounds(patches, levels)
@@ -338,7 +341,7 @@ class _CertifiedSearch:
         if self.refinement is None:
             return
         if self.refinement.are_quads:
-            # Found for all of them, those of their children at the next level are known as well.
+            # Once found for all faces, the limits of their children at the next level are known as well.
             _ = self.refinement.limits_at_corners
         refinement = self.refinement.of(decision.wanted)
         facets = self._vertices_of(refinement)
@@ -354,7 +357,7 @@ class _CertifiedSearch:
         decision.give_up(refinement.bases)
 
     def _vertices_of(self, refinement: Refinement) -> FloatArray:
-        """(C, 3): where the vertices at the descendants' corners lie."""
+        """(C, 3): the positions of the vertices at the descendants' corners."""
         if self.vertices is Vertices.LIMIT:
             return refinement.limits_at_corners
         return refinement.mesh.positions[refinement.corner_vertices()]
@@ -378,7 +381,7 @@ class _CertifiedSearch:
     def _evaluate_differences(
         self, decision: LevelDecision, bases: IndexArray, values: FloatArray, splits: int = DIFFERENCE_SPLITS
     ) -> None:
-        """Evaluate differences S - L in Bernstein form, splitting them at most so often while undecided."""
+        """Evaluate differences S - L in Bernstein form, splitting them while undecided, up to a number of times."""
         bases, values = selected_pieces(bases, values, decision.wanted[bases])
         if not len(bases):
             return

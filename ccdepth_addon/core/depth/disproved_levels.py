@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Levels that are not enough: points of the limit surface that are farther than the tolerance from a whole level.
+"""Disproved levels: points of the limit surface that are farther than the tolerance from the whole mesh at a level.
 
-docs/distance.md, Least depths. A point of the surface over a face, exact but for rounding, is compared with every
-triangle that the level is drawn as, of whatever face; heights over the triangles below the point prove nothing, as
-others may be nearer. Only what can be near the points is divided down to the level.
+docs/distance.md, Least depths. A point of the surface over a face, exact but for rounding, is compared with every drawn
+triangle of the level, of all faces; heights over the triangles below the point prove nothing, as other triangles may be
+nearer. Only faces that can be near the points are divided down to the level.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ from ..surface.patches import PatchKind, classify_patches, regular_nets
 from ..surface.refinement import Refinement
 from .tolerance import ToleranceTest
 
-# Faces looked at together.
+# The number of faces examined together.
 FACES_AT_ONCE = 1 << 9
 
-# Leaves of a face that go on to the next level, those with the largest sag; and points of it that are tried, so many
-# highest over their own leaf and so many farthest from it.
+# The number of leaves of a face, with the largest sag, that are divided for the next level; and of points of a face
+# that are tried: this many highest over their own leaf, and this many farthest from it.
 LEAVES_OF_A_FACE, POINTS_OF_A_FACE = 16, 24
 
-# How many levels a part of ``most_curved_parts`` is after its face.
+# The number of levels from a face to a part of ``most_curved_parts``.
 PART_LEVELS = 2
 
-# Faces, at a level, that are looked at all over: of more than so many not the regular ones, as it would take longer
-# than the depths. Half as many at each level after this one.
+# The largest number of faces, up to a level, with which regular faces are examined all over, too; with more faces that
+# would take longer than the depths. At each later level the number is halved.
 MOST_FACES, LEVEL_OF_MOST_FACES = 1 << 10, 3
 
 # ``to_triangles`` finds distances too long by less than this part of themselves, besides the slack.
@@ -57,8 +57,9 @@ RELATIVE_SLACK = 2.0**-36
 
 @dataclass(frozen=True)
 class DisprovedLevels:
-    """A mesh, the vertices of its levels from 1 on, the test, and the tree of boxes that hold all levels of each face.
-    is_regular: (F,) bool. rates: (F,), as of ``rates_of``, of regular ones."""
+    """The search for disproved levels of a mesh, with the vertices of its levels from 1 on, the test, and a tree of
+    boxes, each of which contains all levels of a face. is_regular: (F,) bool. rates: (F,), as of ``rates_of``, of
+    regular faces."""
 
     mesh: PolygonMesh
     vertices: Vertices
@@ -69,7 +70,7 @@ class DisprovedLevels:
 
     @staticmethod
     def of(mesh: PolygonMesh, vertices: Vertices, test: ToleranceTest, tick: Callable[[], None]) -> DisprovedLevels:
-        """tick: called meanwhile, and may raise to stop."""
+        """The search for a mesh. tick: called meanwhile; it may raise to stop."""
         is_regular = classify_patches(mesh).kinds == PatchKind.REGULAR
         low, high = np.empty((2, mesh.face_count, 3))
         regular, others = np.flatnonzero(is_regular), np.flatnonzero(~is_regular)
@@ -88,8 +89,8 @@ class DisprovedLevels:
         return DisprovedLevels(mesh, vertices, test, BoxTree.around(low, high), is_regular, rates)
 
     def all_before(self, level: int, faces: IndexArray, tick: Callable[[], None]) -> BoolArray:
-        """(n,) bool: faces (n,) of which every level before this one is disproved: some point of the surface over the
-        face is proved to be farther than the tolerance from the whole mesh at that level. tick: as of ``of``."""
+        """(n,) bool: whether every level before this one is disproved for faces (n,): some point of the surface over
+        the face is proved to be farther than the tolerance from the whole mesh at that level. tick: as in ``of``."""
         found = np.zeros(self.mesh.face_count, dtype=bool)
         regular = index_chunks(faces[self.is_regular[faces]], AT_ONCE)
         for some in map_in_threads(lambda chunk: self._disproved_at_middle(level, chunk), regular, tick):
@@ -105,7 +106,7 @@ class DisprovedLevels:
         return found[faces]
 
     def _disproved_at_middle(self, level: int, faces: IndexArray) -> IndexArray:
-        """The faces, of some regular ones, of which points near the middle, or near that of the most curved part,
+        """The regular faces, among some, for which points near the middle, or near the middle of the most curved part,
         disprove every level before this one."""
         nets, of_parts = regular_nets(self.mesh, faces), np.zeros(len(faces), dtype=bool)
         for lesser in range(level - 1, -1, -1):
@@ -138,19 +139,19 @@ class DisprovedLevels:
 
     def _are_far_at_middle(self, nets: FloatArray, faces: IndexArray, level: int, levels: int) -> BoolArray:
         """(P,) bool: whether a point near the middle of a part of each face (4, 4, P, 3) is farther than the tolerance
-        from a level over the face, so many levels after the part's own."""
+        from a level over the face. levels: from the part's own level to this level."""
         rates = self.rates[faces] * 0.5 ** (level - levels)
         return self.test.exceeds(middle_distances(nets, rates, levels, self._shown(level)))
 
     def _disproved(self, level: int, faces: IndexArray) -> IndexArray:
-        """The faces, of some, that one of their points disproves."""
+        """The faces, among some, for which one of their points disproves a level."""
         points, bases = self._samples(level, faces)
         return np.unique(faces[bases[self._are_far(level, points)]])
 
     def _samples(self, level: int, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
-        """(n, 3) points of the surface and (n,) which of the faces they are on: the highest over their own leaves
-        at a level and the farthest from these, of the corners and of the middles of sides and of quads one and two
-        levels later; none that are near their leaves."""
+        """Points of the surface (n, 3), with the indices (n,) of their faces: the highest over their own leaves at a
+        level and the farthest from these leaves, among the corners and the middles of sides and of quads one and two
+        levels later. Points near their leaves are left out."""
         leaves = _Leaves.start(self.mesh, faces, self._shown(level))
         for _ in range(level):
             leaves = leaves.refined().with_largest_sag(LEAVES_OF_A_FACE)
@@ -177,11 +178,12 @@ class DisprovedLevels:
         return places[first], bases[first]
 
     def _shown(self, level: int) -> Vertices:
-        """At level 0 no modifier moves anything."""
+        """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
         return self.vertices if level else Vertices.CONTROL
 
     def _are_far(self, level: int, points: FloatArray) -> BoolArray:
-        """(n,) bool: points (n, 3) that are proved to be farther than the tolerance from the whole mesh at a level."""
+        """(n,) bool: whether points (n, 3) are proved to be farther than the tolerance from the whole mesh at a
+        level."""
         found = np.ones(len(points), dtype=bool)
         if not len(points):
             return found
@@ -206,8 +208,8 @@ class DisprovedLevels:
 
 @dataclass(frozen=True)
 class _Leaves:
-    """Faces that a level has. is_turned: (K,) bool, drawn with the diagonal from corner 1 to 3. shown: where the
-    vertices are. axes: of the mesh that they come from."""
+    """Faces of a level. is_turned: (K,) bool, whether the drawn diagonal is from corner 1 to 3. shown: the kind of
+    their vertices. axes: of their control mesh."""
 
     refinement: Refinement
     is_turned: BoolArray
@@ -227,21 +229,21 @@ class _Leaves:
         return self.refinement.mesh.face_sizes[: self.count]
 
     def keep(self, wanted: BoolArray) -> _Leaves:
-        """The kept ones: (K,) bool."""
+        """The leaves to keep: (K,) bool."""
         return _Leaves(self.refinement.keep(wanted), self.is_turned[wanted], self.shown, self.axes)
 
     def refined(self) -> _Leaves:
         return _Leaves(self.refinement.refined(), turned_children(self.is_turned, self.sizes), self.shown, self.axes)
 
     def corners(self) -> FloatArray:
-        """(C, 3): where the corners are drawn."""
+        """(C, 3): the drawn positions of the corners."""
         if self.shown is Vertices.LIMIT:
             return self.refinement.limits_at_corners
         return self.refinement.mesh.positions[self.refinement.corner_vertices()]
 
     def with_largest_sag(self, count: int) -> _Leaves:
-        """At most so many of each base, all of them quads: those with the largest heights of the surface over their
-        corners and the middles of their sides and diagonals, about."""
+        """The leaves with the largest sag, at most ``count`` of each base if all are quads. The sag is the estimated
+        height of the surface over the corners and over the middles of sides and diagonals."""
         if not self.refinement.are_quads or np.bincount(self.refinement.bases, minlength=1).max() <= count:
             return self
         a, b, c, d = self.corners().reshape(-1, 4, 3).swapaxes(0, 1)
@@ -258,7 +260,8 @@ class _Leaves:
         return self.keep(wanted)
 
     def triangles(self) -> tuple[FloatArray, IndexArray]:
-        """(T, 3, 3) the corners of what quads and triangles may be drawn as, and (T,) the leaf of each."""
+        """The corners (T, 3, 3) of all triangles that may be drawn for quads and triangles, and the leaf of each
+        (T,)."""
         corners, starts = self.corners(), self.refinement.mesh.face_starts[: self.count]
         triangles, quads = np.flatnonzero(self.sizes == 3), np.flatnonzero(self.sizes == 4)
         points = corners[starts[quads][:, None] + np.arange(4)]
@@ -266,7 +269,7 @@ class _Leaves:
         drawn = [corners[starts[triangles][:, None] + np.arange(3)]]
         owners = [triangles]
         folded = np.flatnonzero(may_be_folded(points, turned, self.axes))
-        # It is not known which diagonal these have.
+        # The diagonal of these quads is unknown.
         for some, is_turned in ((np.arange(len(quads)), turned), (folded, ~turned[folded])):
             order = QUAD_TRIANGLES[is_turned.astype(np.intp)].reshape(-1, 3)
             which = np.repeat(some, 2)
@@ -275,8 +278,8 @@ class _Leaves:
         return np.concatenate(drawn), np.concatenate(owners)
 
     def slabs(self) -> tuple[IndexArray, FloatArray, FloatArray, FloatArray]:
-        """(N,) the polygons with more than four corners, (N, 3) unit vectors, and (N,) the least and (N,) the largest
-        height of their corners along these: whatever triangles they are drawn as, those are between."""
+        """The polygons with more than four corners (N,), unit vectors (N, 3), and the least (N,) and the largest height
+        (N,) of their corners along these: any triangles drawn for a polygon are between both heights."""
         polygons = np.flatnonzero(self.sizes > 4)
         if not len(polygons):
             return polygons, np.zeros((0, 3)), np.zeros(0), np.zeros(0)
@@ -293,8 +296,8 @@ class _Leaves:
         return polygons, normals, np.minimum.reduceat(heights, starts), np.maximum.reduceat(heights, starts)
 
     def own_distances(self, points: FloatArray, leaves: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """(n,): how far points (n, 3) are from a leaf each, at most, and infinite for polygons that are not cut yet;
-        and (n,) how high over the plane of its nearest triangle."""
+        """(n,) twice: upper bounds of the distances from points (n, 3) to a leaf each, infinite for uncut polygons; and
+        the heights over the plane of the leaf's nearest triangle."""
         found, heights = np.full(len(points), np.inf), np.zeros(len(points))
         corners, owners = self.triangles()
         normals = units(cross_products(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
@@ -317,8 +320,8 @@ class _Leaves:
         return found, heights
 
     def distances(self, points: FloatArray, around: BoxTree) -> list[tuple[IndexArray, FloatArray]]:
-        """(m,) points and (m,) how far they are at least from something that is drawn: of all that is in boxes around
-        the points."""
+        """(m,) twice, in batches: points, and lower bounds of their distances from drawn things, for all things in
+        boxes around the points."""
         found = []
         corners, _ = self.triangles()
         if len(corners):
@@ -338,26 +341,26 @@ class _Leaves:
 def _off_slabs(
     points: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray, which: IndexArray
 ) -> FloatArray:
-    """(n,): how far points (n, 3) are at least from a slab each, ``which`` (n,) of ``_Leaves.slabs``."""
+    """(n,): lower bounds of the distances from points (n, 3) to a slab each, ``which`` (n,) of ``_Leaves.slabs``."""
     heights = dot_products(points, normals[which])
     return np.maximum(low[which] - heights, heights - high[which])
 
 
 def _columns(corners: FloatArray) -> FloatArray:
-    """(3, 3, T) from (T, 3, 3), as ``to_triangles`` has them."""
+    """(3, 3, T): triangles (T, 3, 3) in the layout of ``to_triangles``."""
     return np.ascontiguousarray(corners.transpose(1, 2, 0))
 
 
 def _largest_of_each(values: FloatArray, bases: IndexArray, count: int) -> IndexArray:
-    """(m,) intp: which of values (n,) are among so many largest ones of their base."""
+    """(m,) intp: the indices of the largest values (n,), ``count`` for each base."""
     order = np.lexsort((-values, bases))
     starts = np.searchsorted(bases[order], bases[order])
     return order[np.arange(len(order)) - starts < count]
 
 
 def _support_boxes(mesh: PolygonMesh, count: int) -> tuple[FloatArray, FloatArray]:
-    """(count, 3) twice, the lowest and highest of all points of the faces around the corners of the first faces: every
-    later level of these, and the surface, are averages of the points."""
+    """(count, 3) twice: the lowest and highest coordinates of all points of the faces around the corners of each of the
+    first faces. Every later level of the face, and its surface, are averages of these points."""
     own = mesh.corner_vertices[: mesh.face_starts[count]]
     found = []
     for extreme, start in ((np.minimum, np.inf), (np.maximum, -np.inf)):

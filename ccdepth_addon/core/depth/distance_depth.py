@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth by distance: of the sets themselves, whatever the parameters. docs/distance.md.
+"""Depth by distance between the sets themselves, independent of parameters. docs/distance.md.
 
-Regular faces among regular ones have bounds for all levels by feet on the surface (``foot_bounds``). Where these do not
-decide, and around everything else, the leaves of a level are measured (``leaf_deviations``): level by level, until all
-of a face's leaves are within the tolerance.
+Regular faces among regular ones have bounds for all levels by feet on the surface (``foot_bounds``). Where feet do not
+decide, and for all other faces, the leaves of a level are measured (``leaf_deviations``), level by level, until all
+leaves of a face are within the tolerance.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from .disproved_levels import DisprovedLevels
 from .level_leaves import DEEPEST_REGULAR, LevelLeaves, rings_around
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
-# Leaves looked at together, about, with those around them.
+# The approximate number of leaves examined together, with the leaves around them.
 LEAVES_AT_ONCE = 1 << 15
 
-# Regular faces whose bounds are beyond the tolerance are looked at leaf by leaf only where they are no more than so:
-# each takes some milliseconds, and on a large mesh a few in a hundred would get one level less.
+# Up to this number, regular faces with bounds beyond the tolerance are examined leaf by leaf. Each takes some
+# milliseconds, and on a large mesh a few in a hundred would get one level less.
 MOST_WITH_BOUNDS = 1 << 9
 
-# Faces cut out of the mesh together.
+# The number of faces cut out of the mesh together.
 MOST_FACES_AT_ONCE = 1 << 11
 
 
@@ -42,8 +42,8 @@ def distance_depths(
 ) -> Iterator[FaceDepths]:
     """The depths of some faces, in chunks. tick: called meanwhile, and may raise to stop.
 
-    At level 0 no modifier moves anything, so there vertices are control points; other polygons than quads have depth 1
-    at least.
+    At level 0 vertices are control points, as no modifier moves anything; polygons other than quads have depth 1 at
+    least.
     """
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     disproved = DisprovedLevels.of(mesh, vertices, test, tick)
@@ -103,8 +103,8 @@ def distance_level_bounds(
 
 @dataclass(frozen=True)
 class _SomeFaces:
-    """Some faces (n,) of a mesh, rising. feet: the bounds by feet of a mesh of which these are the first faces. limit:
-    no larger distance is of use, without the allowance."""
+    """Some faces (n,) of a mesh, ascending. feet: the bounds by feet of a mesh with these as its first faces. limit:
+    the largest useful distance, without the allowance."""
 
     mesh: PolygonMesh
     faces: IndexArray
@@ -120,7 +120,7 @@ class _SomeFaces:
     ) -> _SomeFaces:
         around, count = mesh, mesh.face_count
         if len(faces) < mesh.face_count:
-            # The faces that touch these have bounds as well, and need the faces around.
+            # The faces that touch the given ones need bounds as well, and so the faces around them.
             near = submesh(mesh, faces)[1]
             around, count = submesh(mesh, near)[0].changed(axes=mesh.axes), len(near)
         feet = FaceFeet.of(around, vertices, np.zeros(count, dtype=bool), tick)
@@ -129,12 +129,12 @@ class _SomeFaces:
         return _SomeFaces(mesh, faces, feet, vertices, test.tolerance - test.allowance, rounded, tick)
 
     def shown(self, level: int) -> Vertices:
-        """At level 0 no modifier moves anything."""
+        """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
         return self.vertices if level else Vertices.CONTROL
 
     def at(self, level: int, places: IndexArray) -> tuple[FloatArray, BoolArray]:
-        """(m,) each, of the faces at some places (m,) among these: bounds at a level, infinite where none within the
-        limit is proved; and whether they last."""
+        """(m,) twice, for the faces at some places (m,): bounds at a level, infinite without a proof within the limit;
+        and whether the bounds last."""
         bounds = np.full(len(self.faces), np.inf)
         lasting, is_open = np.zeros((2, len(self.faces)), dtype=bool)
         for found in self.feet.bounds(places, level, self.shown(level), self.limit, self.tick):
@@ -153,7 +153,7 @@ class _SomeFaces:
 
     def by_leaves(self, faces: IndexArray, level: int, *, are_joined: bool) -> Iterator[LevelBounds]:
         """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks. are_joined:
-        whether bounds hold both ways, whatever is beside the faces."""
+        whether bounds hold both ways with any neighbours."""
         at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, DEEPEST_REGULAR))
 
         def bound(some: IndexArray) -> LevelBounds:
@@ -164,9 +164,9 @@ class _SomeFaces:
 
 
 def _distances(found: LevelLeaves, limit: float, rounded: float, *, are_joined: bool) -> FloatArray:
-    """(B,): the largest distance of each face's leaves at equal parameters, which holds both ways; of leaves where that
-    is beyond the limit, the deviation, both ways. are_joined: whether the surface over leaves beside these counts as
-    well: feet may not cover it there. rounded: what rounding can hide of a deviation."""
+    """(B,): the largest bound of each face's leaves, both ways: the distance at equal parameters, or if that is beyond
+    the limit the deviation. are_joined: whether the surface over neighbouring leaves counts as well, as feet may not
+    cover it there. rounded: the rounding allowance of a deviation."""
     leaves, mesh = found.leaves, found.leaves.refinement.mesh
     off = np.zeros(len(found.bases))
     off[found.is_own] = leaves.keep(found.is_own).at_equal_parameters(rounded)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The quads that a level divides some faces into, with those around them, as far as nothing simpler bounds them."""
+"""The quads of some faces at a level, with the quads around them, as far as no simpler bound covers them."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, classify_patches
 from ..surface.refinement import Refinement
 
-# Rings of leaves around those that are asked for: one over which the surface counts as well, and one more that gives
-# this the triangles around.
+# The number of rings of leaves around the wanted leaves: one ring over which the surface counts as well, and one more
+# for the triangles around that ring.
 RINGS = 2
 
-# What is regular is divided into leaves no more often than this; where a level is farther, only this often, as smaller
-# parts may have feet.
+# Regular parts are divided into leaves up to this number of times; if the level is farther away, up to the smaller
+# number, as smaller parts may have feet.
 DEEPEST_REGULAR, REGULAR_TRIES = 5, 2
 
 
 @dataclass(frozen=True)
 class LevelLeaves:
-    """Leaves of B faces at a level, with the leaves around these. bases: (K,) intp, the face of each, B for one around.
-    is_own: (K,) bool, leaves of the faces that no bound of a larger part covers. bounds: (B,), of the parts that are
-    covered."""
+    """Leaves of B faces at a level, with the leaves around them. bases: (K,) intp, the face of each, B for a leaf
+    around. is_own: (K,) bool, leaves of the faces without a bound of a larger part. bounds: (B,), of the larger
+    parts."""
 
     leaves: DrawnLeaves
     bases: IndexArray
@@ -41,7 +41,7 @@ class LevelLeaves:
     def of(
         mesh: PolygonMesh, faces: IndexArray, level: int, vertices: Vertices, limit: float, tick: Callable[[], None]
     ) -> LevelLeaves:
-        """Of some faces of a mesh. limit: no larger distance is of use. At level 0 faces have to be quads."""
+        """The leaves of some faces of a mesh. limit: the largest useful distance. At level 0 faces have to be quads."""
         count = len(faces)
         around = rings_around(mesh, _mask(mesh.face_count, faces), RINGS)
         around[faces] = False
@@ -87,14 +87,14 @@ def _mask(count: int, chosen: IndexArray) -> BoolArray:
 
 
 def rings_around(mesh: PolygonMesh, wanted: BoolArray, rings: int) -> BoolArray:
-    """(n,) bool: wanted ones (n,) of the first n faces, and so many rings around them."""
+    """(n,) bool: the wanted faces (n,) among the first n, and a number of rings around them."""
     for _ in range(rings):
         wanted = _touching(mesh, wanted)
     return wanted
 
 
 def _touching(mesh: PolygonMesh, wanted: BoolArray) -> BoolArray:
-    """(n,) bool: those of the first n faces that share a vertex with wanted ones (n,), and these."""
+    """(n,) bool: the wanted faces (n,) among the first n, and all that share a vertex with a wanted face."""
     last = mesh.face_starts[len(wanted)]
     vertices, faces = mesh.corner_vertices[:last], mesh.corner_faces[:last]
     touched = _mask(mesh.vertex_count, vertices[wanted[faces]])

@@ -4,13 +4,13 @@ exact.
 
 The modifier evaluates patches that OpenSubdiv isolates to *Quality* levels (docs/methods.md, What Blender shows): cells
 that are regular at an earlier level are exact bicubic patches; the patches of the last level meet the surface at their
-corners only. The vertices of level k are corners of cells of level k, so Quality has to be at least the level. It has
-to be at least the largest finite sharpness too, because a patch's corners ignore semi-sharpness that is left.
-Two kinds of corners are met only approximately, better with every level of Quality:
+corners only. The vertices of level k are corners of cells of level k, so Quality has to be at least the level. Quality
+also has to be at least the largest finite sharpness, because a patch's corners ignore remaining semi-sharpness. Two
+kinds of corners are met only approximately, better with every level of Quality:
 
 - lone corners, of a single face between two infinitely sharp edges, mostly corners of an open mesh with smooth corners:
   OpenSubdiv leaves them at their control points of the last level;
-- darts, vertices at which one infinitely sharp edge ends: OpenSubdiv puts them where a smooth vertex would go.
+- darts, vertices at which one infinitely sharp edge ends: OpenSubdiv places them as smooth vertices.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def unmet_corners(mesh: PolygonMesh) -> UnmetCorners:
     is_lone = lone[corners]
     faces, faces_of_corners = np.unique(mesh.corner_faces[corners], return_inverse=True)
     refinement = Refinement.start(mesh, faces)
-    # Where each corner's own child stands: at first the corner of the face, and from then on the first of the child.
+    # The index of each corner's own child: at first the corner of the face, then the first corner of the child.
     places = refinement.mesh.face_starts[faces_of_corners] + corners - mesh.face_starts[mesh.corner_faces[corners]]
     for level in range(MOST_QUALITY + 1):
         gaps[level] = _gaps(refinement.mesh, refinement.mesh.corner_vertices[places], is_lone).max()

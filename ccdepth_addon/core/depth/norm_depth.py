@@ -69,8 +69,8 @@ def norm_level_bounds(
 
 
 def bounds_fall(patches: PatchKinds, method: PatchMethod) -> BoolArray:
-    """(F,) bool: the faces whose bounds fall with every level, so that a proof at one level holds at all later levels.
-    Irregular faces have other bounds at other levels.
+    """(F,) bool: the faces with bounds that fall with every level, so that a proof at one level holds at all later
+    levels. Irregular faces have other bounds at other levels.
     """
     return np.isin(patches.kinds, method.falling)
 

@@ -69,7 +69,7 @@ class FaceDepths:
             self.distances[chosen] = distances[chosen]
 
     def update(self, part: FaceDepths) -> None:
-        """Copy the results of some faces into these, which must be those of faces 0, 1, 2, …"""
+        """Copy the results of some faces into these results, which must be for faces 0, 1, 2, …"""
         self.depths[part.faces] = part.depths
         self.bounds[part.faces] = part.bounds
         self.distances[part.faces] = part.distances

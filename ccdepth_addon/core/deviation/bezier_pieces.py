@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The limit surface as Bézier pieces that can be split, down to any size.
 
-The control mesh is subdivided to *units*, quads of one level. A regular unit is a bicubic patch, exactly. Any other is
-a piece with an *excess*: at equal parameters the surface is no farther than that from it. Near an extraordinary patch
-that is a bicubic piece (``extraordinary_pieces``); what is not one is refined, and until then it has the bilinear facet
-over its corners' limit positions for coefficients (``norm_bounds.support_bounds``). Corners of all pieces lie on the
-surface. docs/deviation.md, Pieces.
+The control mesh is subdivided to *units*, quads of one level. A regular unit is a bicubic patch, exactly. Any other
+piece has an *excess*, a bound of its distance from the surface at equal parameters. Near an extraordinary vertex the
+piece is bicubic (``extraordinary_pieces``); any other piece is refined, and until then has the bilinear facet over its
+corners' limit positions for coefficients (``norm_bounds.support_bounds``). Corners of all pieces lie on the surface.
+docs/deviation.md, Pieces.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HA
 
 @dataclass(frozen=True)
 class NewPieces:
-    """N pieces, see ``BezierPieces``; stores, rows: (N,) intp, in which nets or refinement a piece has its points, and
-    as which of them, NONE where it is the surface."""
+    """N pieces, see ``BezierPieces``; stores, rows: (N,) intp, the nets or the refinement with the points of each
+    piece, and the piece's index there; NONE where the piece is the surface."""
 
     coefficients: FloatArray
     middles: FloatArray
@@ -65,18 +65,18 @@ class Nets:
 
 
 class BezierPieces:
-    """All pieces that there are or were: parents keep their place, and their four children follow each other.
+    """All pieces, past ones included: parents keep their place, and their four children follow each other.
 
-    coefficients: (N, 3, 16) float64, Bernstein; excess: (N,) float64, how far the surface may be off, at equal
-    parameters. middles: (N, 3) float64, of the surface at the middle, or where ``is_bilinear`` of the piece. faces,
-    units: (N,) intp, the control face and the unit each is a part of. sides: (N, 4) intp, the edge of ``unit_mesh``
-    each side lies on, or NONE. first_child: (N,) intp, NONE for those that are not split.
-    low, high: (N, 3), the corners of boxes around the pieces, or where that is less around all that is left of them.
+    coefficients: (N, 3, 16) float64, Bernstein; excess: (N,) float64, bounds of the surface's distance at equal
+    parameters. middles: (N, 3) float64, the middle of the surface, or of the piece if ``is_bilinear``. faces, units:
+    (N,) intp, the control face and the unit of each piece. sides: (N, 4) intp, the edge of ``unit_mesh`` below each
+    side, or NONE. first_child: (N,) intp, NONE for leaves. low, high: (N, 3), the corners of boxes around the pieces,
+    or if smaller around their leaves.
     """
 
     def __init__(self, units: Refinement, unit_faces: IndexArray, tick: Callable[[], None]) -> None:
-        """units: quads; unit_faces: (n,) intp, the control face of each. tick: is called again and again, and may raise
-        to stop."""
+        """units: quads; unit_faces: (n,) intp, the control face of each. tick: called again and again; it may raise to
+        stop."""
         count = len(units.bases)
         self.unit_mesh = units.mesh if units.mesh.face_count == count else faces_alone(units.mesh, np.arange(count))
         self._tick = tick
@@ -91,12 +91,12 @@ class BezierPieces:
 
     @property
     def unit_count(self) -> int:
-        """The units are the first pieces."""
+        """The number of units, which are the first pieces."""
         return self.unit_mesh.face_count
 
     @cached_property
     def edge_units(self) -> IndexArray:
-        """(E, 2) intp, the two units at each edge; NONE where there are not two."""
+        """(E, 2) intp, the two units at each edge; NONE at edges with another number of units."""
         mesh = self.unit_mesh
         order = np.argsort(mesh.corner_edges, kind="stable")
         first = np.cumsum(mesh.edge_face_counts) - mesh.edge_face_counts
@@ -114,7 +114,7 @@ class BezierPieces:
         return (mesh.edge_face_counts == 2) & (forwards == 1) & np.isfinite(mesh.edge_sharpness)
 
     def is_bilinear(self, pieces: IndexArray) -> BoolArray:
-        """(n,) bool: which pieces (n,) are bilinear facets, whose middles may be as far off as the excess."""
+        """(n,) bool: whether pieces (n,) are bilinear facets, with middles off the surface by up to the excess."""
         is_refinement = np.array([isinstance(store, Refinement) for store in self._stores] + [False])
         return is_refinement[self._store[pieces]]
 
@@ -123,7 +123,7 @@ class BezierPieces:
         return np.flatnonzero(self.first_child[: self.count] == NONE)
 
     def leaves_of(self, owners: IndexArray, pieces: IndexArray) -> tuple[IndexArray, IndexArray]:
-        """Pieces (K,) replaced by all leaves they were split into, each with its owner (K,)."""
+        """The leaves of pieces (K,), each with its owner (K,)."""
         found = []
         while len(pieces):
             first = self.first_child[pieces]
@@ -134,7 +134,7 @@ class BezierPieces:
         return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
 
     def split(self, pieces: IndexArray) -> IndexArray:
-        """Four children for each of these leaves: (4n,) intp, not in the order of the pieces."""
+        """(4n,) intp: the four children of each of n leaves, not in the order of the leaves."""
         bicubic = pieces[self._store[pieces] == NONE]
         made = [self._add(_quarters(self, block), block) for block in index_chunks(bicubic, AT_ONCE)]
         others = pieces[self._store[pieces] != NONE]
@@ -151,7 +151,7 @@ class BezierPieces:
         self.split(units[self.is_bilinear(units)])
 
     def _refine(self, refinement: Refinement, pieces: IndexArray) -> IndexArray:
-        """The children of descendants, one Catmull-Clark step on."""
+        """The children of descendants after one more Catmull-Clark step."""
         pieces = pieces[np.argsort(self._row[pieces])]
         wanted = np.zeros(len(refinement.bases), dtype=bool)
         wanted[self._row[pieces]] = True
@@ -177,8 +177,8 @@ class BezierPieces:
         return self._add(NewPieces(coefficients, middles, excess, faces, units, sides, stores, rows), pieces)
 
     def _sides_of_children(self, pieces: IndexArray) -> IndexArray:
-        """(4n, 4): corner 0 of the child at corner c is that corner: its side 0 lies on side c, its side 3 on the one
-        before."""
+        """(4n, 4): the sides of children. Corner 0 of the child at corner c is that corner: side 0 of the child lies on
+        side c, side 3 on the side before."""
         sides = np.full((len(pieces), 4, 4), NONE)
         for corner in range(4):
             sides[:, corner, 0] = self.sides[pieces, corner]
@@ -186,7 +186,7 @@ class BezierPieces:
         return sides.reshape(-1, 4)
 
     def _tighten(self, parents: IndexArray) -> None:
-        """The boxes of parents from those of their children, up to the units."""
+        """Shrink the boxes of parents to those of their children, up to the units."""
         while len(parents):
             children = self.first_child[parents][:, None] + np.arange(4)
             self.low[parents] = np.maximum(self.low[parents], self.low[children].min(axis=1))
@@ -234,7 +234,7 @@ class BezierPieces:
         return self._add(NewPieces(coefficients, middles, excess, faces, units, sides, stores, rows), parents)
 
     def _add(self, new: NewPieces, parents: IndexArray | None) -> IndexArray:
-        """Pieces put behind the others, four for each parent."""
+        """Append pieces, four for each parent."""
         self._tick()
         first, count = self.count, len(new.excess)
         if parents is not None:
@@ -260,7 +260,8 @@ class BezierPieces:
 
 
 def bezier_pieces(control: PolygonMesh, units_wanted: int, tick: Callable[[], None]) -> BezierPieces:
-    """The limit surface of a mesh with explicit sharpness, of so many units if one more level makes no more of them."""
+    """The limit surface of a mesh with explicit sharpness. units_wanted: levels of units are added while they have no
+    more units than this."""
     mesh, faces = subdivide(control).mesh, control.corner_faces
     while 4 * mesh.face_count <= units_wanted:
         mesh, faces = subdivide(mesh).mesh, np.repeat(faces, 4)

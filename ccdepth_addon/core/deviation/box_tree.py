@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Boxes around things, in a tree along a space-filling curve, and which of two trees overlap."""
+"""Boxes around things, in a tree along a space-filling curve, and the overlaps of two trees."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ..arrays.vectors import squared_norms
 
 BRANCHES = 8
 
-# Things beside a point along the curve whose middles are tried for the nearest.
+# The number of things beside a point along the curve whose middles are tried as the nearest.
 TRIED = 6
 
-# Points farther than so many boxes' usual size, that of the first so many, are looked at one by one.
+# Points farther than ``FAR`` times the usual size of the first ``SEEN`` boxes are handled one by one.
 FAR, SEEN = 4.0, 1 << 12
 
 # Steps along each axis of the curve.
@@ -25,9 +25,9 @@ CURVE_BITS = 20
 
 @dataclass(frozen=True)
 class BoxTree:
-    """order: (N,) intp, the things along the curve; codes: (N,) where on it, ascending. levels: boxes (low, high),
-    (n, 3) each, from those of the things in this order up, every one around ``BRANCHES`` of the level before. origin,
-    step: of the curve's cells."""
+    """A tree of boxes. order: (N,) intp, the things along the curve; codes: (N,) their places on the curve, ascending.
+    levels: boxes (low, high), (n, 3) each, first of the things in this order, then each around ``BRANCHES`` boxes of
+    the level before. origin, step: of the curve's cells."""
 
     order: IndexArray
     codes: NDArray[np.uint64]
@@ -37,7 +37,7 @@ class BoxTree:
 
     @staticmethod
     def around(low: FloatArray, high: FloatArray) -> BoxTree:
-        """low, high: (N, 3) float64, at least one box."""
+        """The tree of boxes. low, high: (N, 3) float64, at least one box."""
         centres = (low + high) / 2
         origin = centres.min(axis=0)
         extent = float(np.ptp(centres, axis=0).max())
@@ -52,7 +52,7 @@ class BoxTree:
         return BoxTree(order, codes[order], levels, origin, step)
 
     def beside(self, points: FloatArray) -> IndexArray:
-        """(P,) intp: a thing next to each of the points (P, 3) along the curve, which is often the nearest."""
+        """(P,) intp: the thing next to each point (P, 3) along the curve, often the nearest thing."""
         places = np.searchsorted(self.codes, curve_codes(points, self.origin, self.step))
         low, high = self.levels[0]
         best, least = np.zeros(len(points), dtype=np.intp), np.full(len(points), np.inf)
@@ -66,8 +66,8 @@ class BoxTree:
         return self.order[best]
 
     def within(self, points: FloatArray, reach: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """(K,) intp twice: points (P, 3) and all things whose boxes are as near to them as the nearest thing can be.
-        reach: (P,), how far that is at most. For far points a box of that size would hold too much."""
+        """(K,) intp twice: points (P, 3) and all things with boxes as near to them as the nearest thing can be. reach:
+        (P,), the largest distance of the nearest thing. For far points a box of that size would hold too much."""
         squares = reach * reach
         owners, nodes = (axis.ravel() for axis in np.indices((len(points), len(self.levels[-1][0]))))
         for height in range(len(self.levels) - 1, -1, -1):
@@ -84,7 +84,8 @@ class BoxTree:
         return owners, self.order[nodes]
 
     def near(self, points: FloatArray, reach: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """(K,) intp twice: points (P, 3) and things, among them all that can be nearest, reach (P,) away at most."""
+        """(K,) intp twice: points (P, 3) and things, among them every possible nearest thing. reach: (P,), the largest
+        distance of the nearest thing."""
         low, high = self.levels[0]
         is_far = reach > FAR * np.median(np.sqrt(squared_norms(high[:SEEN] - low[:SEEN])))
         far, close = np.flatnonzero(is_far), np.flatnonzero(~is_far)
@@ -100,7 +101,7 @@ class BoxTree:
 
 
 def overlapping(first: BoxTree, second: BoxTree) -> tuple[IndexArray, IndexArray]:
-    """(K,) intp twice: the pairs of things whose boxes have a point in common."""
+    """(K,) intp twice: the pairs of things with boxes that have a point in common."""
     heights = [len(first.levels) - 1, len(second.levels) - 1]
     counts = [len(tree.levels[height][0]) for tree, height in zip((first, second), heights, strict=True)]
     a, b = (axis.ravel() for axis in np.indices(counts))
@@ -138,14 +139,14 @@ def _children(parents: IndexArray, others: IndexArray, count: int) -> tuple[Inde
 
 
 def curve_codes(points: FloatArray, origin: FloatArray, step: float) -> NDArray[np.uint64]:
-    """(P,): where points (P, 3) lie along the curve through a cube, their bits in turn (Morton, 1966)."""
+    """(P,): the places of points (P, 3) along the curve through a cube, their bits in turn (Morton, 1966)."""
     last = (1 << CURVE_BITS) - 1
     cells = (np.clip(points - origin, 0.0, last * step) / step).astype(np.uint64)
     return _spread(cells[:, 0]) | _spread(cells[:, 1]) << np.uint64(1) | _spread(cells[:, 2]) << np.uint64(2)
 
 
 def _spread(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Two zero bits put between each two of the lowest 21."""
+    """The lowest 21 bits with two zero bits between each two."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets that grow by neighbours of what was found last, and functionals of many points at once, one column each."""
+"""Sets that grow by the neighbours of their latest members, and functionals of many points at once, one column each."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ NONE = -1
 
 
 def unknown(wanted: IndexArray, known: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Of the keys wanted (W,) those that are not known, each once, ascending; and all keys that are known now. known:
-    (K,) intp, ascending, at least one."""
+    """The unknown among the wanted keys (W,), each once, ascending, and all keys known then. known: (K,) intp,
+    ascending, at least one."""
     wanted = np.unique(wanted)
     places = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
     new = wanted[known[places] != wanted]

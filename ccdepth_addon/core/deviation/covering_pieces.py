@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Parts of triangles that the surface covers, seen along a direction. docs/deviation.md, Covering and Borders.
 
-The surface is looked at in units, which meet in edges. Where the border of the surface lies over a part, a point of the
-part that is not covered has the border nearby, in the direction in which it has to be moved to be covered.
+The surface consists of units that meet in edges. Where the border of the surface lies over a part, uncovered points
+near the border are moved inwards until covered.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from .columns import NONE, applied, columns, products, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
 from .windings import facing, windings
 
-# Where in a triangle covering is counted: weights of corners without anything symmetric about them.
+# The place in a triangle where covering is counted: asymmetric weights of the corners.
 PLACE_IN_TRIANGLE = np.array([0.4137, 0.3271, 0.2592])
 
-# An excess beyond this part of what is wanted stands in the way.
+# An excess beyond this part of the goal prevents a bound.
 EXCESS_SHARE = 0.02
 
 # The border has to run about one way: the sum of its parts is no shorter than this part of the sum of their lengths.
 LEAST_STRAIGHTNESS = 0.8
 
-# Regions are found not to be covered where units would have to be looked at farther than so many from the first.
+# Regions count as uncovered if units farther than this many from the first would be needed.
 MOST_UNITS_ACROSS = 8
 
-# Where more leaves than this lie over several regions, these are too many to be looked at together.
+# The largest number of leaves over several regions that are examined together.
 LEAVES_OVER_AT_ONCE = 1 << 16
 
 # Parts are moved this much more than the border that was seen first demands.
@@ -41,9 +41,9 @@ MOVED_MORE = 1.02
 @dataclass(frozen=True)
 class Regions:
     """n parts of triangles as seen along directions. corners: (3, 3, n), each with its coordinates; normals: (3, n), of
-    their triangles. directions: (3, n). sides: of the regions, which hold the parts and these moved. axes: (2, 3, n),
-    across. places: (3, n), where covering is counted. towards: (2, n), the direction across in which parts are moved,
-    and moved: (n,) how far."""
+    their triangles. directions: (3, n). sides: of the regions, which contain the parts before and after moving. axes:
+    (2, 3, n), across. places: (3, n), where covering is counted. towards: (2, n), the direction across in which parts
+    are moved; moved: (n,), by what distance."""
 
     corners: FloatArray
     normals: FloatArray
@@ -56,7 +56,7 @@ class Regions:
 
     @staticmethod
     def of(corners: FloatArray, normals: FloatArray, directions: FloatArray, margin: float) -> Regions:
-        """The parts alone, not moved."""
+        """The regions of parts that are not moved."""
         axes = axes_across(directions, corners[1] - corners[0])
         places = np.einsum("c,cdn->dn", PLACE_IN_TRIANGLE, corners)
         sides = SideViews.of(corners, directions, margin)
@@ -80,11 +80,12 @@ class Regions:
         return replace(self, sides=sides, places=self.places + steps, towards=towards, moved=moved)
 
     def least(self, towards: FloatArray) -> FloatArray:
-        """(n,): how far in these directions (2, n) the last of the part lies, seen from ``places``."""
+        """(n,): the least coordinates of the parts along directions (2, n), seen from ``places``."""
         return (self._across() * towards[:, None]).sum(axis=0).min(axis=0)
 
     def outline(self) -> FloatArray:
-        """(2, 6, n): points across, seen from ``places``, whose hull is the region: the part, and this moved."""
+        """(2, 6, n): points across, seen from ``places``, with the region as their hull: the part before and after
+        moving."""
         across = self._across()
         return np.concatenate([across, across + (self.towards * self.moved)[:, None]], axis=1)
 
@@ -95,7 +96,7 @@ class Regions:
 
 @dataclass(frozen=True)
 class Over:
-    """K leaves over parts. owners, leaves: (K,) intp. inside: (3, 16, K), how far inside the sides; heights: (16, K);
+    """K leaves over parts. owners, leaves: (K,) intp. inside: (3, 16, K), distances inside the sides; heights: (16, K);
     across: (2, 16, K), from the place where covering is counted; excess: (K,)."""
 
     owners: IndexArray
@@ -118,7 +119,7 @@ class Over:
 @dataclass(frozen=True)
 class Covering:
     """The leaves over n regions. has_partners: (n,) bool, whether units meet others at all edges over the region but
-    the border's. border: (b,) intp twice, which of the leaves and which of its sides is border over the region."""
+    the border's. border: (b,) intp twice, leaves and their sides on the border over the region."""
 
     over: Over
     has_partners: BoolArray
@@ -134,12 +135,12 @@ def over_pieces(
     goals: FloatArray,
     margin: float,
 ) -> tuple[FloatArray, IndexArray, IndexArray] | None:
-    """(n,) how far parts of triangles are from the surface at most, infinite where it may not cover them; (n,) the leaf
-    that was found with; and (m,) leaves whose excess stands in the way. None where several parts have too many leaves
-    over them, ``LEAVES_OVER_AT_ONCE``.
+    """Bounds of the distance between parts of triangles and the surface (n,), infinite where the surface may not cover
+    a part; the leaf of each bound (n,); and the leaves with too large an excess (m,). None if several parts have too
+    many leaves over them, ``LEAVES_OVER_AT_ONCE``.
 
     corners: (n, 3, 3); normals: (n, 3), of their triangles; directions: (n, 3), unit vectors to look along; first: (n,)
-    intp, a unit near each. goals: (n,), bounds below these are as good. margin: what rounding can hide.
+    intp, a unit near each. goals: (n,), bounds below the goals are as good. margin: the rounding allowance.
     """
     regions = Regions.of(columns(corners), columns(normals), columns(directions), margin)
     covering = _covering(pieces, regions, first, margin)
@@ -171,8 +172,8 @@ def over_pieces(
 
 
 def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin: float) -> Covering | None:
-    """The leaves over the regions of the units (n,) where looking begins, of those that meet them there, and so on.
-    None as in ``over_pieces``."""
+    """The leaves over regions, of the first units (n,) and of all units connected to them over the regions. None as in
+    ``over_pieces``."""
     plane, offsets, _, _ = plane_functionals(regions.normals, regions.corners, regions.directions)
     functionals = np.concatenate([regions.sides.inward, plane[None], regions.axes])
     constants = np.concatenate([regions.sides.offsets, offsets[None], -products(regions.axes, regions.places)])
@@ -214,7 +215,7 @@ def _seen(
     constants: FloatArray,
     margin: float,
 ) -> Over:
-    """Leaves (K,) that may lie over parts (K,), by functionals (6, 3, n) and constants (6, n) of these."""
+    """Leaves (K,) that may lie over parts (K,), by functionals (6, 3, n) and constants (6, n) of the parts."""
     coefficients, excess = columns(pieces.coefficients[leaves]), pieces.excess[leaves]
     inside = applied(functionals[:3].take(owners, axis=2), coefficients)
     inside += constants[:3].take(owners, axis=1)[:, None]
@@ -229,7 +230,7 @@ def _seen(
 
 
 def _may_overlap(over: Over, outline: FloatArray, margin: float) -> BoolArray:
-    """(K,) bool: whether nothing is found to lie between the leaves and the regions, along the leaves' own sides."""
+    """(K,) bool: whether leaves may overlap regions: no line along the leaves' own sides separates them."""
     corners = over.across[:, CORNERS]
     middles = (corners + np.roll(corners, -1, axis=1)) / 2
     outline = outline.take(over.owners, axis=2)
@@ -241,7 +242,7 @@ def _may_overlap(over: Over, outline: FloatArray, margin: float) -> BoolArray:
 def _unit_sides_over(
     pieces: BezierPieces, over: Over, outline: FloatArray, margin: float
 ) -> tuple[IndexArray, IndexArray]:
-    """The leaves, of some, and their sides that may be part of a unit's edge over the region."""
+    """The leaves and their sides that may be part of a unit's edge over the region."""
     rows, which = np.nonzero(pieces.sides[over.leaves] != NONE)
     excess = over.excess[rows] + margin
     along = over.inside[:, SIDES[which].T, rows]
@@ -264,7 +265,7 @@ def _are_aside(points: FloatArray, chords: FloatArray, outline: FloatArray, exce
 def _heights(
     regions: Regions, over: Over, covered: BoolArray, goals: FloatArray, margin: float
 ) -> tuple[FloatArray, IndexArray, IndexArray]:
-    """(n,), (n,) and (m,): the largest heights over what is covered, and leaves, as in ``over_pieces``."""
+    """(n,), (n,) and (m,): the largest heights over covered parts, and leaves, as in ``over_pieces``."""
     _, _, steepness, unevenness = plane_functionals(regions.normals, regions.corners, regions.directions)
     owners, leaves = over.owners, over.leaves
     is_used = covered[owners]
@@ -279,7 +280,7 @@ def _heights(
         steepness=steepness[owners],
         unevenness=unevenness[owners],
     )
-    # What is not covered needs no clipping.
+    # Uncovered parts need no clipping.
     found = views.largest_heights(np.where(is_used, goals[owners], np.inf), margin)
     upper, worst = np.where(covered, 0.0, np.inf), np.full(len(goals), NONE)
     np.maximum.at(upper, owners, found)
@@ -292,7 +293,7 @@ def _heights(
 def _moved_inwards(
     regions: Regions, covering: Covering, chosen: IndexArray, goals: FloatArray, margin: float
 ) -> tuple[IndexArray, Regions]:
-    """The chosen regions that need to be moved by less than the goals to lie inside the border, and these moved."""
+    """The chosen regions that lie inside the border when moved by less than the goals, and the moved regions."""
     over, (rows, sides) = covering.over, covering.border
     owners, count = over.owners[rows], len(goals)
     points = over.across[:, SIDES[sides].T, rows]
@@ -327,7 +328,7 @@ def _is_beyond_border(regions: Regions, covering: Covering, margin: float) -> Bo
 def _leaves_over(
     pieces: BezierPieces, sides: SideViews, owners: IndexArray, nodes: IndexArray, margin: float
 ) -> tuple[IndexArray, IndexArray]:
-    """The leaves of units that may lie over parts, and the parts: units are the first pieces, and parents hold their
+    """The leaves of units that may lie over parts, and the parts: units are the first pieces, and parents contain their
     children."""
     found = []
     while len(owners):
@@ -351,8 +352,9 @@ def _winds_once(over: Over, count: int, margin: float) -> BoolArray:
 
 
 def _sheets(pieces: BezierPieces, over: Over, wanted: BoolArray, margin: float) -> Iterator[tuple[Over, BoolArray]]:
-    """The leaves that face along the direction, and those that face against it, over wanted (n,) regions where every
-    leaf does one or the other; each with (n,) bool, whether they cover the region. docs/deviation.md, Sheets."""
+    """The leaves that face along the direction, and the leaves that face against the direction, over wanted (n,)
+    regions where every leaf does either; each with (n,) bool, whether they cover the region. docs/deviation.md,
+    Sheets."""
     over = over.at(np.flatnonzero(wanted[over.owners]))
     faces = facing(over.across, over.excess, margin)
     sides = pieces.sides[over.leaves]

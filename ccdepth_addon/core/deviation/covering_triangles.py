@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pieces of the surface that the mesh covers, seen along a direction.
 
-What lies over every point of a convex region is odd in number when that is so at one point, and no border of what is
-counted lies over the region. Then every point of the region has something over it, and heights bound distances both
-ways. docs/deviation.md, Covering.
+If an odd number of triangles lies over one point of a convex region, and no border of the triangles over the region, an
+odd number lies over every point. Then every point of the region has a triangle over it, and heights bound distances
+both ways. docs/deviation.md, Covering.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from .columns import NONE, applied, columns, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
 from .triangles import Triangles
 
-# Where in a region covering is counted: weights of corners without anything symmetric about them.
+# The place in a region where covering is counted: asymmetric weights of the corners.
 PLACE_IN_QUAD = np.array([0.313, 0.221, 0.187, 0.279])
 
-# Pieces are found not to be covered where triangles would have to be looked at farther than so many from the first.
+# Pieces count as uncovered if triangles farther than this many from the first would be needed.
 MOST_TRIANGLES_ACROSS = 12
 
 
 @dataclass(frozen=True)
 class Seen:
     """n pieces as seen along directions. coefficients: (3, 16, n); directions: (3, n); axes: (2, 3, n), across; across:
-    (2, 16, n), the coefficients there; low, high: (2, n), what holds them; excess: (n,), rounding included."""
+    (2, 16, n), the coefficients there; low, high: (2, n), their bounds; excess: (n,), rounding included."""
 
     coefficients: FloatArray
     directions: FloatArray
@@ -41,7 +41,7 @@ class Seen:
 
     @staticmethod
     def of(pieces: BezierPieces, block: IndexArray, directions: FloatArray, margin: float) -> Seen:
-        """The pieces (n,), along directions (n, 3)."""
+        """Pieces (n,) as seen along directions (n, 3)."""
         coefficients, along = columns(pieces.coefficients[block]), columns(directions)
         axes = axes_across(along, coefficients[:, CORNERS[1]] - coefficients[:, CORNERS[0]])
         across = applied(axes, coefficients)
@@ -53,8 +53,8 @@ class Seen:
 @dataclass(frozen=True)
 class Under:
     """K triangles under pieces. owners, which: (K,) intp; meets: (3, K) bool, the sides that may lie under the piece;
-    values: (4, 16, K), how far inside each side, and the heights; inward: (3, 2, K), the sides' directions across;
-    steepness, unevenness: (K,)."""
+    values: (4, 16, K), the distances inside each side, and the heights; inward: (3, 2, K), the sides' directions
+    across; steepness, unevenness: (K,)."""
 
     owners: IndexArray
     which: IndexArray
@@ -74,10 +74,11 @@ def over_triangles(
     goals: FloatArray,
     margin: float,
 ) -> tuple[FloatArray, IndexArray]:
-    """(n,) the largest heights of pieces over triangles, infinite where these may not cover them; (n,) over which one.
+    """The largest heights of pieces over triangles (n,), infinite where triangles may not cover a piece, and the
+    triangles (n,) of these heights.
 
-    block: (n,) intp, the pieces; directions: (n, 3), unit vectors; first: (n,) intp, a triangle near each, from which
-    on others are looked at. goals: (n,), bounds below these are as good. margin: what rounding can hide.
+    block: (n,) intp, the pieces; directions: (n, 3), unit vectors; first: (n,) intp, a triangle near each, to begin
+    with. goals: (n,), bounds below the goals are as good. margin: the rounding allowance.
     """
     count = len(block)
     upper, worst = np.full(count, np.inf), np.zeros(count, dtype=np.intp)
@@ -113,8 +114,8 @@ def over_triangles(
 
 
 def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: float) -> tuple[list[Under], BoolArray]:
-    """The triangles under the pieces of the triangles (n,) where looking begins, and of those beyond sides that may lie
-    under them too, and so on; (n,) bool, whether there is always one triangle beyond."""
+    """The triangles under pieces: the first triangles (n,) and all triangles connected to them by sides that may lie
+    under the pieces; (n,) bool, whether every such side has exactly one triangle beyond."""
     keys = np.arange(len(first)) * mesh.count + first
     known, found = keys, []
     covered = np.ones(len(first), dtype=bool)
@@ -125,7 +126,7 @@ def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: flo
         which, owners = part.which[rows], part.owners[rows]
         beyond = mesh.beyond[sides, which]
         covered[owners[beyond == NONE]] = False
-        # What is not covered needs no more looking at.
+        # Uncovered pieces need nothing more.
         going = covered[owners]
         keys, known = unknown((owners * mesh.count + beyond)[going], known)
         if not len(keys):
@@ -159,7 +160,8 @@ def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, m
 
 
 def _are_odd(owners: IndexArray, inside: FloatArray, count: int, margin: float) -> BoolArray:
-    """(count,) bool: whether an odd number of triangles lies over a place that is so far inside (3, K) their sides."""
+    """(count,) bool: whether an odd number of triangles lies over a place. The place is at the distances (3, K) inside
+    the sides of the triangles."""
     is_inside, is_outside = (inside > margin).all(axis=0), (inside < -margin).any(axis=0)
     found = np.bincount(owners[is_inside], minlength=count) % 2 == 1
     found[owners[~is_inside & ~is_outside]] = False

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bicubic pieces near extraordinary patches, and how far the surface may be off them: matrices for each valence.
+"""Bicubic pieces near extraordinary patches, and bounds of their distance from the surface: matrices for each valence.
 
 A patch with an extraordinary corner consists of regular patches, three at every level of its subdivision, and a rest at
-that corner. The piece is fitted to the first of these. How far a regular patch is off the part of the piece with the
-same parameters is bounded by the differences of their coefficients; what is left at the last level lies, like the piece
-there, around the corner's limit position. docs/deviation.md, Pieces.
+that corner. The piece is fitted to the first regular patches. The differences of coefficients bound the distance
+between a regular patch and the part of the piece with the same parameters; the rest at the last level lies, like the
+piece there, around the corner's limit position. docs/deviation.md, Pieces.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from ..arrays.vectors import squared_norms
 from ..surface.bicubic import CORNERS, HALVES, NET_TO_BERNSTEIN
 from ..surface.stencils import apply_stencils, patch_stencils
 
-# Levels whose regular patches the piece is fitted to, and levels after which the rest is taken as a whole.
+# The number of levels with regular patches to fit the piece to, and of levels before the rest counts as a whole.
 FITTED_LEVELS, LEVELS = 4, 12
 
-# Patches whose excess is bounded at a time.
+# The number of patches bounded together.
 NETS_AT_ONCE = 1 << 9
 
 # (16, 16): the coefficients of the quarter at corner 0 from those of a piece.
@@ -36,9 +36,9 @@ class PieceStencils:
     """Matrices for nets of 2n + 8 points in Stam's order, corner 0 at the extraordinary vertex.
 
     coefficients: (16, 2n + 8), of the piece; its corners lie on the surface. children: (48, 2n + 8), of the regular
-    ones at corners 1 to 3. middle: (1, 2n + 8), of the surface's point at the piece's middle. apart: (rows, 2n + 8),
-    differences whose lengths bound, at equal parameters, how far the surface is off the piece; at the corner: rest:
-    (2n + 8, 2n + 8) and piece: (16, 2n + 8), of which the longest of either together do.
+    children at corners 1 to 3. middle: (1, 2n + 8), of the surface's point at the piece's middle. apart: (rows, 2n +
+    8), differences whose lengths bound the distance between surface and piece at equal parameters. At the corner the
+    longest row of rest, (2n + 8, 2n + 8), and the longest row of piece, (16, 2n + 8), together bound the distance.
     """
 
     coefficients: FloatArray
@@ -73,8 +73,8 @@ def piece_stencils(valence: int) -> PieceStencils:
 def pieces_of_nets(
     nets: FloatArray, valence: int, tick: Callable[[], None]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of the pieces of nets (2n + 8, P, 3): (P, 3, 16) the coefficients, (P, 3) the surface's points at their middles,
-    and (P,) how far the surface may be off them. tick: is called again and again, and may raise to stop."""
+    """The pieces of nets (2n + 8, P, 3): their coefficients (P, 3, 16), the surface's points at their middles (P, 3),
+    and their excess (P,). tick: called again and again; it may raise to stop."""
     stencils, count = piece_stencils(valence), nets.shape[1]
     excess = np.empty(count)
     for chunk in chunks(count, NETS_AT_ONCE):
@@ -89,21 +89,22 @@ def pieces_of_nets(
 
 
 def children_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArray]:
-    """(2n + 8, P, 3) the nets of the children at corner 0, and (P, 3, 3, 16) the coefficients of those at corners 1 to
-    3, which are regular."""
+    """The nets of the children at corner 0, (2n + 8, P, 3), and the coefficients of the regular children at corners 1
+    to 3, (P, 3, 3, 16)."""
     refined = apply_stencils(patch_stencils(valence).refined, nets)
     regular = apply_stencils(piece_stencils(valence).children, nets).reshape(3, 16, -1, 3)
     return refined, np.moveaxis(regular, (2, 0, 3, 1), (0, 1, 2, 3))
 
 
 def _from_corner(corner: int) -> FloatArray:
-    """(16, 16): the coefficients counted from another corner on, as subdivision counts those of the child there."""
+    """(16, 16): the coefficients counted from another corner, as subdivision counts those of the child there."""
     grid = np.arange(16).reshape(4, 4)
     return np.eye(16)[np.rot90(grid, -corner).ravel()]
 
 
 def _fitted(patches: FloatArray, parts: FloatArray, limits: FloatArray) -> FloatArray:
-    """(16, N): what brings the parts nearest to the first patches, with the corners' limit positions."""
+    """(16, N): the coefficients that bring the parts nearest to the first patches, with the corners' limit
+    positions."""
     rows = 48 * FITTED_LEVELS
     coefficients = np.zeros((16, limits.shape[1]))
     coefficients[CORNERS] = limits

@@ -14,10 +14,10 @@ from ..arrays.types import FloatArray, IndexArray
 # Per-face distances are found to this part of the largest one.
 SHARE_OF_LARGEST = 0.2
 
-# After so many rounds only what decides on the largest distance is split.
+# After this many rounds only pieces and parts that decide the largest distance are split.
 ROUNDS_FOR_FACES = 4
 
-# As near as this part of it the limit is decided.
+# The limit is decided up to this part of it.
 DECIDING = 1e-6
 
 # The part of itself by which a distance can be too long. docs/deviation.md, Rounding.
@@ -26,10 +26,10 @@ TOO_LONG = 2.0**-37
 
 @dataclass
 class Findings:
-    """reached: the longest distance that is known to be there, less the allowance; the pair it lies between, where, and
-    which way. margin: what rounding can hide of a coordinate. floor: distances are not told apart more closely. enough:
-    what is proved need not be less. accuracy: how near to what is reached it shall be. limit: a distance of which it is
-    to be told whether all is within."""
+    """The distances found so far. reached: the longest distance really there, less the allowance, with its pair of
+    points, their places, and the way. margin: the rounding of a coordinate. floor: the smallest distance told from
+    zero. enough: a proved distance need not be smaller. accuracy: the largest relative difference between proved and
+    reached. limit: the distance to decide whether all is within."""
 
     accuracy: float
     limit: float
@@ -49,19 +49,19 @@ class Findings:
     surface_to_mesh: bool = True
     is_placed: bool = False
     told: float = 0.0
-    # (F,) what is reached in each control face, or nearly.
+    # (F,) the distance reached in each control face, or nearly.
     in_faces: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def target(self) -> float:
-        """Bounds up to this one are good enough."""
+        """The largest bound that is good enough."""
         if self.reached > self.limit:
             return self.accurate
         return min(self.accurate, max(self.limit, (1 + DECIDING) * self.reached, self.floor, self.enough))
 
     @property
     def accurate(self) -> float:
-        """Bounds up to this one have the accuracy, or are enough."""
+        """The largest bound with the accuracy, or enough."""
         return max((1 + self.accuracy) * self.reached, self.floor, self.enough)
 
     def note(
@@ -74,7 +74,8 @@ class Findings:
         *,
         surface_to_mesh: bool,
     ) -> None:
-        """(N,) distances that are there but for TOO_LONG and the allowance, from points to nearest ones, (N, 3)."""
+        """Record distances (N,) really there, but for TOO_LONG and the allowance, from points to nearest points, (N,
+        3)."""
         if not len(distances):
             return
         best = int(distances.argmax())
@@ -85,24 +86,24 @@ class Findings:
             self.face, self.triangle, self.surface_to_mesh = int(faces[best]), int(triangles[best]), surface_to_mesh
 
     def goals(self, faces: IndexArray, rounds: int) -> FloatArray:
-        """(N,): bounds up to these are near enough to what is reached, in all and in each of these faces (N,), after so
-        many rounds."""
+        """(N,): the largest bounds near enough to the distances reached, in all and in each of the faces (N,), after a
+        number of rounds."""
         if rounds >= ROUNDS_FOR_FACES:
             return np.full(len(faces), self.target)
         in_faces = self.in_faces[faces] + SHARE_OF_LARGEST * self.reached
         return np.maximum(np.minimum(self.target, in_faces), max(self.floor, self.enough))
 
     def report_round(self, half: int, number: int, share: float) -> None:
-        """Progress, of which nobody knows how much is left: every round takes half of what was left of its half."""
+        """Report progress, with the rest unknown: every round takes half of the rest of its half."""
         self.told = (half + 1 - 0.5 ** (number + share)) / 2
         self.tick()
 
     def tick(self) -> None:
-        """No further, but still there: whoever listens may want to stop."""
+        """Report no further progress; the caller may raise to stop."""
         self.report(self.told)
 
     def is_exhausted(self, pieces: int, share: float = 1.0) -> bool:
-        """Whether so many pieces, or the time since the beginning, use up this share of what is allowed."""
+        """Whether a number of pieces, or the time since the beginning, uses up this share of the allowed one."""
         return pieces >= share * self.max_pieces or self.is_late(share)
 
     def is_late(self, share: float = 1.0) -> bool:

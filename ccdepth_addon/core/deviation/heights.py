@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The heights of a Bézier piece over the plane of a triangle, where it lies over that triangle along a direction.
+"""The heights of a Bézier piece over the plane of a triangle, along a direction, where the piece lies over the
+triangle.
 
-Heights over a plane, and how far a point lies inside each of a triangle's sides, are linear functionals of the surface,
-so their Bernstein coefficients bound them. Where a piece reaches beyond a side, what it does there does not count: for
-every weight that is not negative the height is at most its sum with the weighted distance inside, which is bounded in
-place of it. docs/deviation.md, Heights. All arrays have their N things last.
+Heights over a plane, and distances inside each of a triangle's sides, are linear functionals of the surface, so their
+Bernstein coefficients bound them. The part of a piece beyond a side does not count: over the triangle, for every weight
+that is not negative, the height is at most its sum with the weighted distance inside, and this sum is bounded instead.
+docs/deviation.md, Heights. All arrays have their N things last.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from .columns import crosses, products
 # A side of a triangle has no side to speak of when it is seen at less than this sine.
 STEEP = 1e-3
 
-# A triangle that leans more than this cosine tells is no base for heights.
+# The least cosine of a triangle's lean for heights over it.
 LEANING = 0.1
 
 # Weights beyond this one only magnify rounding.
@@ -32,22 +33,22 @@ PAIRS_OF_SIDES = ((0, 1), (1, 2), (2, 0))
 @dataclass(frozen=True)
 class SideViews:
     """N triangles seen along directions. inward: (3, 3, N), for each side a unit vector across the direction, inwards;
-    zero where a side is seen end on, or the third corner lies too near its line. offsets: (3, N), so that
-    ``inward · x + offsets`` is how far x lies inside."""
+    zero where a side is seen end on, or the third corner lies too near its line. offsets: (3, N); ``inward · x +
+    offsets`` is the distance of x inside."""
 
     inward: FloatArray
     offsets: FloatArray
 
     @staticmethod
     def of(corners: FloatArray, directions: FloatArray, margin: float) -> SideViews:
-        """corners: (3, 3, N), each with its coordinates; directions: (3, N) unit vectors; margin: what rounding can
-        hide."""
+        """Triangles seen along directions. corners: (3, 3, N), each with its coordinates; directions: (3, N) unit
+        vectors; margin: the rounding allowance."""
         along = corners[[1, 2, 0]] - corners
         across = crosses(directions, along)
         squares = products(across, across)
         seen = squares > STEEP**2 * products(along, along)
         scales = np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=seen)
-        # How far the third corner lies from each side, and on which side of it.
+        # The signed distance of the third corner from each side.
         third = products(across, along[[1, 2, 0]]) * scales
         scales = np.where(np.abs(third) > 8 * margin, np.copysign(scales, third), 0.0)
         inward = across * scales[:, None]
@@ -62,10 +63,10 @@ class SideViews:
 class Views:
     """N pairs of a Bézier piece and a triangle, seen along a direction, in coefficients (Bernstein).
 
-    inside: (3, 16, N), how far inside each side. heights: (16, N), over the triangle's plane along the direction.
-    inward: (3, 2, N), the directions inwards; places: (2, 4, N), the piece's corners, in coordinates across.
-    excess: (N,), how far the surface may be off the piece. steepness: (N,), how much longer a height is than the
-    distance to the plane. unevenness: (N,), how far the triangle's corners are off the plane.
+    inside: (3, 16, N), distances inside each side. heights: (16, N), over the triangle's plane along the direction.
+    inward: (3, 2, N), the directions inwards; places: (2, 4, N), the piece's corners, in coordinates across. excess:
+    (N,), of the piece. steepness: (N,), the ratio of a height to the distance from the plane. unevenness: (N,), the
+    largest distance of the triangle's corners from the plane.
     """
 
     inside: FloatArray
@@ -81,8 +82,8 @@ class Views:
         return Views(*(column.take(chosen, axis=-1) for column in vars(self).values()))
 
     def largest_heights(self, goals: FloatArray, margin: float) -> FloatArray:
-        """(N,): no point of the piece over the triangle is farther off along the direction. Where that is more than the
-        goals (N,) what lies beside the triangle is taken away."""
+        """(N,): bounds of the heights, along the direction, of the piece over the triangle; for bounds beyond the goals
+        (N,), without the parts beside the triangle."""
         is_steep = np.isinf(self.steepness)
         allowed = (self.excess + self.unevenness) * np.where(is_steep, 0.0, self.steepness)
         limits = np.maximum(goals - allowed, 0.0)
@@ -98,7 +99,7 @@ class Views:
         return bounds
 
     def _clipped(self, sign: float, limits: FloatArray, margin: float) -> FloatArray:
-        """(N,): heights upwards, or downwards; where the first weights do not bring them to the limits others do."""
+        """(N,): bounds of heights upwards, or downwards, with other weights where the first do not reach the limits."""
         rises = sign * self._slopes()
         heights = sign * self.heights
         bounds = np.minimum(heights.max(axis=0), self._weighted(heights, self._level_across_two(rises), margin))
@@ -109,7 +110,7 @@ class Views:
         return bounds
 
     def _level_across_two(self, rises: FloatArray) -> FloatArray:
-        """(3, N): weights that make the sum level. All directions lie between those of two sides."""
+        """(3, N): weights of two sides that make the sum level; every direction lies between those of two sides."""
         weights = np.zeros((3, len(self.excess)))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for one, other in PAIRS_OF_SIDES:
@@ -138,7 +139,7 @@ class Views:
         return total.max(axis=0) + weights.sum(axis=0) * (self.excess + margin)
 
     def _slopes(self) -> FloatArray:
-        """(2, N): how the heights change across, about, from their values at the corners."""
+        """(2, N): the approximate slopes of the heights across, from their values at the corners."""
         heights = self.heights[CORNERS]
         (along, across), (rise_along, rise_across) = _differences(self.places), _differences(heights)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -158,12 +159,12 @@ def _differences(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
-    """(2, N) twice → (N,)."""
+    """(N,): the cross products of vectors (2, N)."""
     return one[0] * other[1] - one[1] * other[0]
 
 
 def axes_across(directions: FloatArray, hints: FloatArray) -> FloatArray:
-    """(2, 3, N): unit vectors across directions (3, N), the first of them as near to the hints (3, N) as can be."""
+    """(2, 3, N): unit vectors across directions (3, N), the first as near to the hints (3, N) as possible."""
     first = hints - products(hints, directions) * directions
     lengths = np.sqrt(products(first, first))
     useless = np.flatnonzero(lengths <= STEEP * np.sqrt(products(hints, hints)))
@@ -178,8 +179,8 @@ def axes_across(directions: FloatArray, hints: FloatArray) -> FloatArray:
 def plane_functionals(
     normals: FloatArray, corners: FloatArray, directions: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of planes across normals (3, N) through the first corners (3, 3, N): the functionals (3, N) and offsets (N,) of
-    heights along the directions, the steepness and the unevenness (N,) of ``Views``."""
+    """The functionals (3, N) and offsets (N,) of heights along directions, with the steepness and unevenness (N,) of
+    ``Views``, for planes across normals (3, N) through the first corners (3, 3, N)."""
     facing = products(normals, directions)
     is_base = np.abs(facing) > LEANING
     scales = np.divide(1.0, facing, out=np.ones_like(facing), where=is_base)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The distances of a level's leaves, both ways: of the surface over each from the triangles around, and of its
-triangles from the surface around.
+"""The distances of a level's leaves, both ways: from the surface over each leaf to the triangles around, and from its
+triangles to the surface around.
 
-Where only some of both are there, distances are no less than those of the whole. docs/deviation.md, Leaves of a level.
+Distances to a part of the triangles or the surface are no less than to the whole. docs/deviation.md, Leaves of a level.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from .mesh_to_surface import Facets, MeshToSurface
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles
 
-# Pieces and parts that there may be for each leaf, and besides: what is not decided then is near the limit, and a level
-# more takes no longer.
+# The largest number of pieces and parts for each leaf, and these besides: undecided leaves are then near the limit, and
+# one more level takes no longer.
 PIECES_OF_EACH, PIECES_BESIDES = 64, 1 << 12
 
 # Rounds after which nothing more is decided, mostly.
@@ -36,23 +36,23 @@ SIDES = np.array([[0, 1, 1], [1, 2, 2], [2, 3, 3], [3, 0, 0]])
 
 
 class LeafFindings(Findings):
-    """What is wanted of leaves: whether each is within the limit."""
+    """The findings for leaves: whether each is within the limit."""
 
     @property
     def target(self) -> float:
-        """No distance that is reached is looked for."""
+        """The limit: no reached distance is sought."""
         return np.inf
 
     def goals(self, faces: IndexArray, rounds: int) -> FloatArray:
-        """(N,): the limit, and no bound where something is farther, or is not decided after many rounds."""
+        """(N,): the limit, or no bound for leaves beyond the limit or undecided after many rounds."""
         return np.where((self.in_faces[faces] > self.limit) | (rounds >= MOST_ROUNDS), np.inf, self.limit)
 
 
 @dataclass(frozen=True)
 class DrawnLeaves:
-    """K quads of a level, the descendants of a refinement, as they are drawn. points: (K, 4, 3), their corners.
-    is_turned: (K,) bool, whether they are drawn with the diagonal from corner 1 to 3; is_folded: (K,) bool, whether it
-    may be the other one."""
+    """K drawn quads of a level, the descendants of a refinement. points: (K, 4, 3), their corners. is_turned: (K,)
+    bool, whether the drawn diagonal is from corner 1 to 3; is_folded: (K,) bool, whether the other diagonal may be
+    drawn."""
 
     refinement: Refinement
     points: FloatArray
@@ -61,19 +61,19 @@ class DrawnLeaves:
 
     @staticmethod
     def of(refinement: Refinement, is_turned: BoolArray, vertices: Vertices, axes: FloatArray | None) -> DrawnLeaves:
-        """axes: of the space in which diagonals are chosen, as of ``PolygonMesh``."""
+        """The drawn leaves of a refinement. axes: of the space in which diagonals are chosen, as of ``PolygonMesh``."""
         points = refinement.mesh.positions[refinement.corner_vertices()]
         points = (refinement.limits_at_corners if vertices is Vertices.LIMIT else points).reshape(-1, 4, 3)
         return DrawnLeaves(refinement, points, is_turned, may_be_folded(points, is_turned, axes))
 
     def keep(self, wanted: BoolArray) -> DrawnLeaves:
-        """The wanted leaves alone: (K,) bool."""
+        """Keep the wanted leaves alone: (K,) bool."""
         refinement = self.refinement.keep(wanted)
         return DrawnLeaves(refinement, self.points[wanted], self.is_turned[wanted], self.is_folded[wanted])
 
     def at_equal_parameters(self, rounded: float) -> FloatArray:
-        """(K,): bounds of how far surface and triangles of each leaf are apart at equal parameters, with either
-        diagonal. rounded: what rounding can hide."""
+        """(K,): bounds of the distance between surface and triangles of each leaf at equal parameters, with either
+        diagonal. rounded: the rounding allowance."""
         count = len(self.points)
         if np.any(self.refinement.mesh.face_sizes != 4):
             return np.full(count, np.inf)
@@ -83,9 +83,9 @@ class DrawnLeaves:
         return found + rounded
 
     def deviations(self, on_surface: BoolArray, drawn: BoolArray, limit: float, rounded: float) -> FloatArray:
-        """(K,): bounds of how far the surface over chosen leaves (K,) bool is from the triangles of all leaves, and the
-        triangles of chosen leaves (K,) bool, with either diagonal where it may be the other one, from the surface over
-        all; infinite where none within the limit is found. rounded: what rounding can hide."""
+        """(K,): bounds of the distance from the surface over chosen leaves (K,) bool to the triangles of all leaves,
+        and from the triangles of chosen leaves (K,) bool, with both diagonals where either may be drawn, to the surface
+        over all; infinite without a bound within the limit. rounded: the rounding allowance."""
         count = len(self.points)
         size = float(np.abs(self.refinement.mesh.positions).max(initial=0.0))
         findings = LeafFindings(
@@ -120,7 +120,7 @@ class DrawnLeaves:
         return np.where(found <= limit, found, np.inf)
 
     def _around(self) -> Triangles:
-        """What is drawn whatever is not known: triangles of the leaves, and sides of those that may be folded."""
+        """The triangles certainly drawn: triangles of the leaves, and sides of leaves that may be folded."""
         known, folded = np.flatnonzero(~self.is_folded), np.flatnonzero(self.is_folded)
         quads = self.refinement.corner_vertices().reshape(-1, 4)
         triangles = np.take_along_axis(
@@ -130,7 +130,7 @@ class DrawnLeaves:
         return Triangles.of(self._positions(), corners)
 
     def _of(self, chosen: IndexArray) -> tuple[Triangles, IndexArray]:
-        """The triangles of chosen leaves, along both diagonals of those that may be folded, and the leaf of each."""
+        """The triangles of chosen leaves, along both diagonals of leaves that may be folded, and the leaf of each."""
         folded = chosen[self.is_folded[chosen]]
         leaves = np.concatenate([chosen, folded])
         is_turned = np.concatenate([self.is_turned[chosen], ~self.is_turned[folded]]).astype(np.intp)
@@ -139,7 +139,7 @@ class DrawnLeaves:
         return Triangles.of(self._positions(), corners), np.repeat(leaves, 2)
 
     def _positions(self) -> FloatArray:
-        """(V, 3): of the refinement's vertices as drawn."""
+        """(V, 3): the drawn positions of the refinement's vertices."""
         found = np.zeros_like(self.refinement.mesh.positions)
         found[self.refinement.corner_vertices()] = self.points.reshape(-1, 3)
         return found

@@ -21,7 +21,8 @@ from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
 from .triangles import Triangles, distance_slack, to_triangles
 
-# Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
+# The number of parts whose corners are tried for reached distances, the number of corners that are then measured, and
+# the relative accuracy.
 LOOKED_AT, MEASURED, MEASURED_SHARE = 512, 16, 0.005
 
 # Pieces larger than this part of the triangle they are compared with are split for it; where they are below the other
@@ -44,17 +45,18 @@ QUARTERS = (
 # Surface and triangle are seen along the surface's normal as well where the cosine between both normals is less.
 TILTED = 0.98
 
-# Triangles whose height is less than this part of their longest side are cut along that side alone.
+# Triangles with a height below this part of their longest side are cut along that side alone.
 LONG = 0.25
 
-# When there are so many times as many pieces another tree is worth its while.
+# A new tree is made when the number of pieces has grown by this factor.
 GROWN = 1.5
 
 
 @dataclass(frozen=True)
 class Facets:
-    """Pieces, each as two triangles over its corners. pieces: (L,) intp; corners: (L, 4, 3); off: (L,) float64, how far
-    surface and triangles are apart at equal parameters, and ``distance_slack``. docs/deviation.md, Facets."""
+    """Pieces, each as two triangles over its corners. pieces: (L,) intp; corners: (L, 4, 3); off: (L,) float64, bounds
+    of the distance between surface and triangles at equal parameters, with ``distance_slack``. docs/deviation.md,
+    Facets."""
 
     pieces: IndexArray
     corners: FloatArray
@@ -62,7 +64,7 @@ class Facets:
 
     @staticmethod
     def of(pieces: BezierPieces, chosen: IndexArray, tick: Callable[[], None] = lambda: None) -> Facets:
-        """The facets of chosen pieces. tick: is called again and again, and may raise to stop."""
+        """The facets of chosen pieces. tick: called again and again; it may raise to stop."""
         corners, off = np.empty((len(chosen), 4, 3)), np.empty(len(chosen))
         for block in chunks(len(chosen), AT_ONCE):
             coefficients = pieces.coefficients[chosen[block]]
@@ -81,7 +83,7 @@ class Facets:
         return Facets(*(column[chosen] for column in vars(self).values()))
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """(N,) from places (N, 3) to the nearer one of a piece's triangles, and (N, 3) the nearest point."""
+        """The distances (N,) from places (N, 3) to the nearer of a piece's triangles, and the nearest points (N, 3)."""
         found, nearest = np.empty(len(places)), np.empty((len(places), 3))
         for some in chunks(len(places), AT_ONCE):
             corners, points = columns(self.corners[which[some]]), columns(places[some])
@@ -94,8 +96,8 @@ class Facets:
 
 @dataclass(frozen=True)
 class Leaves:
-    """Facets of pieces that cover the surface, and a tree of boxes around these. Where such a piece has been split
-    since, its children are looked at in its place."""
+    """Facets of pieces that cover the surface, in a tree of boxes. The children of a piece split since then stand for
+    the piece."""
 
     pieces: BezierPieces
     facets: Facets
@@ -104,20 +106,20 @@ class Leaves:
 
     @staticmethod
     def of(pieces: BezierPieces, tick: Callable[[], None]) -> Leaves:
-        """The leaves at present."""
+        """The facets of the present leaves."""
         leaves = pieces.leaves()
         facets = Facets.of(pieces, leaves, tick)
         return Leaves(pieces, facets, BoxTree.around(pieces.low[leaves], pieces.high[leaves]), pieces.count)
 
     def near(self, places: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """For places (P, 3) the pieces with a leaf that can be nearest: (K,) intp which place, and (K,) which facet."""
+        """(K,) intp twice: places (P, 3) and the facets of pieces with a leaf that can be nearest."""
         tried = self.tree.beside(places)
         reach = self.facets.distances(places, tried)[0] + self.facets.off[tried]
         reach = reach * (1 + 1e-12) + np.finfo(float).tiny
         return self.tree.near(places, reach)
 
     def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
-        """(P,) the leaves whose triangles are nearest to places (P, 3), and (P,) the distances."""
+        """The leaves (P,) with the triangles nearest to places (P, 3), and the distances (P,)."""
         owners, which = self.near(places)
         facets = self.facets
         if self.pieces.count > self.count:
@@ -131,8 +133,8 @@ class Leaves:
 
 @dataclass(frozen=True)
 class Parts:
-    """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, what is proved
-    of each; leaves: (N,) intp, the piece that is nearest."""
+    """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, the proved
+    distance; leaves: (N,) intp, the nearest piece."""
 
     corners: FloatArray
     owners: IndexArray
@@ -141,7 +143,7 @@ class Parts:
 
     @staticmethod
     def unknown(corners: FloatArray, owners: IndexArray, bounds: FloatArray) -> Parts:
-        """Parts of which only bounds are known."""
+        """Parts with only bounds known."""
         return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp))
 
     def at(self, chosen: NDArray[Any]) -> Parts:
@@ -154,7 +156,7 @@ class Parts:
         return Parts(*(np.concatenate([column, vars(others)[name]]) for name, column in vars(some).items()))
 
     def quarters(self) -> Parts:
-        """Four of each, whose bounds are that of the whole: of long ones along their longest side."""
+        """The four parts of each part, with the bound of the whole; long parts are cut along their longest side."""
         corners = np.einsum("qij,njd->nqid", QUARTERS, self.corners)
         edges = np.roll(self.corners, -1, axis=1) - self.corners
         squares = squared_norms(edges.reshape(-1, 3)).reshape(-1, 3)
@@ -174,8 +176,8 @@ def halves(corners: FloatArray) -> FloatArray:
 
 
 class MeshToSurface:
-    """upper: (T,) float64, what is proved of each triangle; face_upper: (F,) float64, likewise of the parts that were
-    compared with each control face."""
+    """The search from the mesh to the surface. upper: (T,) float64, the proved distance of each triangle; face_upper:
+    (F,) float64, of the parts compared with each control face."""
 
     def __init__(self, surface: SurfaceToMesh, mesh: Triangles, face_count: int, whole: float) -> None:
         self.surface, self.findings, self.mesh = surface, surface.findings, mesh
@@ -185,7 +187,7 @@ class MeshToSurface:
         self.face_upper = np.zeros(face_count)
 
     def settle(self) -> None:
-        """Split triangles and pieces until what is proved is near what is reached."""
+        """Split triangles and pieces until proved and reached distances are near each other."""
         count = self.mesh.count
         parts = Parts.unknown(self.mesh.points.swapaxes(0, 1), np.arange(count), np.full(count, self.whole))
         leaves = Leaves.of(self.surface.pieces, self.findings.tick)
@@ -206,13 +208,13 @@ class MeshToSurface:
             self.rounds += 1
 
     def _must_end(self, parts: Parts) -> bool:
-        """Everything is looked at once if there is the time."""
+        """Whether the search has to end; every part is examined once if there is the time."""
         if self.rounds == 0:
             return self.findings.is_late()
         return self.findings.is_exhausted(self.surface.pieces.count + len(parts.owners))
 
     def _split(self, parts: Parts) -> Parts:
-        """Pieces that are large against the parts they were found with are split, other parts are."""
+        """Split the pieces that are large beside their parts, and otherwise the parts."""
         pieces = self.surface.pieces
         sizes = np.sqrt(squared_norms(np.ptp(parts.corners, axis=1)))
         of_leaves = np.sqrt(squared_norms(pieces.high[parts.leaves] - pieces.low[parts.leaves]))
@@ -243,7 +245,7 @@ class MeshToSurface:
         parts.bounds[left] = np.minimum(parts.bounds[left], bounds)
 
     def _reach(self, leaves: Leaves, parts: Parts) -> None:
-        """Distances that are really there, at corners of the parts with the largest bounds."""
+        """Record distances really there, at corners of the parts with the largest bounds."""
         far = np.argsort(-parts.bounds)[:LOOKED_AT]
         far = far[parts.bounds[far] > self.findings.target]
         if not len(far):
@@ -280,7 +282,8 @@ class MeshToSurface:
         self.findings.note(found, places, points[first], faces, owners, surface_to_mesh=False)
 
     def _bound_by_tilted_heights(self, parts: Parts, block: IndexArray, nearest: Facets) -> None:
-        """Along the normals of the nearest pieces, where these are others than those of the triangles."""
+        """Bound parts by heights along the normals of the nearest pieces, where they differ from the normals of the
+        triangles."""
         left = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
         directions = self.surface.normals(nearest.pieces[left])
         cosines = (directions * self.mesh.normals[parts.owners[block[left]]]).sum(axis=1)
@@ -309,7 +312,7 @@ class MeshToSurface:
         parts.leaves[block[has_leaf]] = leaves[has_leaf]
 
     def _by_one_piece(self, facets: Facets, corners: FloatArray) -> FloatArray:
-        """(n,): the distance to a flat triangle is convex, and so longest at a corner."""
+        """(n,): bounds by one piece: the distance to a flat triangle is convex, and so longest at a corner."""
         facet = columns(facets.corners)
         places = columns(corners)
         first = np.max([to_triangles(place, facet[[0, 1, 2]])[0] for place in places], axis=0)

@@ -16,25 +16,25 @@ from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles
 
-# Pieces of each block whose corners are looked at for distances that are reached.
+# The number of pieces of each block whose corners are tried for reached distances.
 LOOKED_AT = 64
 
-# Of pieces and time, how much this way may take.
+# The share of pieces and time for this way.
 SHARE_OF_LIMITS = 0.6
 
-# A covered piece as large as so many times what is wanted is hardly within that of one triangle.
+# A covered piece larger than this many times the goal is hardly within the goal of one triangle.
 SMALL_FOR_ONE = 4.0
 
-# Of coordinates, relative: more than a box and a distance are off by.
+# The relative rounding of coordinates: more than the error of a box and a distance.
 ROUNDINGS = 2.0**-48
 
-# A bound so many times what is wanted may be brought there by another direction.
+# A bound of up to this many times the goal may reach the goal along another direction.
 NEARLY = 1.5
 
 
 @dataclass(frozen=True)
 class NearestTriangles:
-    """(P,) float64 the distances, (P,) intp to which triangle, (P, 3) its nearest point."""
+    """The distances (P,) float64, the nearest triangles (P,) intp, and the nearest points (P, 3)."""
 
     distances: FloatArray
     which: IndexArray
@@ -42,9 +42,10 @@ class NearestTriangles:
 
 
 def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriangles:
-    """Of points (P, 3); no distance is longer than the true one, but for a part of it that ``Findings`` takes off."""
+    """The triangles nearest to points (P, 3); no distance is longer than the true one, but for a part that ``Findings``
+    subtracts."""
     reach = triangles.distances(places, triangles.tree.beside(places))[0]
-    # The nearest triangle has to be among those within reach, whatever rounding does to boxes and distances.
+    # The nearest triangle has to be within reach, whatever the rounding of boxes and distances.
     reach = reach * (1 + 1e-12) + ROUNDINGS * np.abs(places).max(initial=0.0) + np.finfo(float).tiny
     owners, which = triangles.tree.near(places, reach)
     distances, points = triangles.distances(places[owners], which)
@@ -54,14 +55,14 @@ def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriang
 
 
 def first_of_each(owners: IndexArray, values: FloatArray, count: int) -> IndexArray:
-    """(count,) intp: where the least value of each owner stands; every owner has one."""
+    """(count,) intp: the index of the least value of each owner; every owner has one."""
     order = np.lexsort((values, owners))
     return order[np.searchsorted(owners[order], np.arange(count))]
 
 
 class SurfaceToMesh:
-    """upper: (N,) float64, what is proved of each piece; triangles: (N,) intp, the triangle it was found with; nearest:
-    (N,) intp, the one its middle is nearest to."""
+    """The search from the surface to the mesh. upper: (N,) float64, the proved distance of each piece; triangles: (N,)
+    intp, the triangle of this bound; nearest: (N,) intp, the triangle nearest to the piece's middle."""
 
     def __init__(self, pieces: BezierPieces, mesh: Triangles, findings: Findings, whole: float) -> None:
         self.pieces, self.mesh, self.findings = pieces, mesh, findings
@@ -71,9 +72,9 @@ class SurfaceToMesh:
         self.rounds = 0
 
     def settle(self, active: IndexArray) -> None:
-        """Split pieces, of these on, until what is proved is near what is reached."""
+        """Split pieces, first the given ones, until proved and reached distances are near each other."""
         while len(active):
-            # What is reached anywhere tells which bounds are good enough.
+            # The largest reached distance tells which bounds are good enough.
             for work, share in ((self._look, 0.0), (self._bound, 0.5)):
                 for done, block in enumerate(index_chunks(active, FEW_AT_ONCE)):
                     if self._must_end():
@@ -85,13 +86,14 @@ class SurfaceToMesh:
             self.rounds += 1
 
     def _must_end(self) -> bool:
-        """Something is left for the other way, and everything is looked at once if there is the time."""
+        """Whether the search has to end: a share is left for the other way, and every piece is examined once if there
+        is the time."""
         if self.rounds == 0:
             return self.findings.is_late(SHARE_OF_LIMITS)
         return self.findings.is_exhausted(self.pieces.count, SHARE_OF_LIMITS)
 
     def split(self, pieces: IndexArray) -> IndexArray:
-        """(4n,) intp: the children, which are no farther than their parents."""
+        """(4n,) intp: the children, with the bounds of their parents."""
         if not len(pieces):
             return pieces
         children = self.pieces.split(pieces)
@@ -106,7 +108,7 @@ class SurfaceToMesh:
         return self.upper[pieces] > self._goals(pieces)
 
     def _look(self, block: IndexArray) -> None:
-        """The distances of the middles."""
+        """Find the distances of the pieces' middles."""
         pieces = self.pieces
         middles, is_bilinear = pieces.middles[block], pieces.is_bilinear(block)
         nearest = nearest_triangles(self.mesh, middles)
@@ -140,8 +142,8 @@ class SurfaceToMesh:
         return self.findings.goals(self.pieces.faces[block], self.rounds)
 
     def _bound_by_heights(self, block: IndexArray, nearest: IndexArray) -> BoolArray:
-        """Along the normal of the nearest triangle, and where that is not near enough along the piece's own; (n,) bool,
-        whether triangles cover the pieces as far as that was looked at."""
+        """Bound pieces by heights along the normal of the nearest triangle, and if the bound is not near enough along
+        the piece's own. Returns (n,) bool, whether triangles cover the pieces, as far as examined."""
         pieces = self.pieces
         last = np.full(len(block), np.inf)
         for directions in (self.mesh.normals[nearest], self.normals(block)):
@@ -164,7 +166,7 @@ class SurfaceToMesh:
         return np.isfinite(last)
 
     def normals(self, block: IndexArray) -> FloatArray:
-        """(n, 3): of the pieces' middles, about; zero where there is none."""
+        """(n, 3): the approximate normals of the pieces' middles; zero without a normal."""
         a, b, c, d = np.moveaxis(self.pieces.coefficients[block][:, :, CORNERS], 2, 0)
         return units(np.cross(c - a, d - b))
 
@@ -185,7 +187,8 @@ class SurfaceToMesh:
         self.findings.note(*found, surface_to_mesh=True)
 
     def _by_one_triangle(self, block: IndexArray, which: IndexArray) -> FloatArray:
-        """(n,): the distance to a triangle is convex, and so no longer than at the farthest coefficient."""
+        """(n,): bounds by one triangle: the distance to a triangle is convex, and so no longer than at the farthest
+        coefficient."""
         coefficients = self.pieces.coefficients[block].swapaxes(1, 2).reshape(-1, 3)
         distances = self.mesh.distances(coefficients, np.repeat(which, 16))[0]
         return distances.reshape(-1, 16).max(axis=1) + self.pieces.excess[block]

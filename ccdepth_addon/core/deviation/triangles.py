@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Triangles of the mesh that is measured, and exact distances to them."""
+"""The triangles of a measured mesh, and exact distances to them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ NEEDLE = 1e-5
 
 @dataclass(frozen=True)
 class Triangles:
-    """points: (3, T, 3) float64, the corners. beyond: (3, T) intp, the one other triangle at the edge from each corner
-    to the next, NONE where there is none or more than one. normals: (T, 3), unit vectors, or zero where a triangle has
-    no area. thickness: (T,), of needles that are so thin that rounding decides which way they face, how thick they are
-    at most; of others 0. slack: (T,), ``distance_slack``. tree: of their boxes."""
+    """T triangles. points: (3, T, 3) float64, the corners. beyond: (3, T) intp, the one other triangle at the edge from
+    each corner to the next, NONE without one or with more than one. normals: (T, 3), unit vectors, or zero for a
+    triangle without area. thickness: (T,), a bound of the thickness of needles, so thin that rounding decides their
+    direction; 0 for other triangles. slack: (T,), ``distance_slack``. tree: of their boxes."""
 
     points: FloatArray
     beyond: IndexArray
@@ -33,7 +33,8 @@ class Triangles:
 
     @staticmethod
     def of(positions: FloatArray, triangles: IndexArray, tick: Callable[[], None] = lambda: None) -> Triangles:
-        """positions: (V, 3); triangles: (T, 3) intp; tick: is called again and again, and may raise to stop."""
+        """The triangles of a mesh. positions: (V, 3); triangles: (T, 3) intp; tick: called again and again; it may
+        raise to stop."""
         corners = np.ascontiguousarray(triangles.T)
         points = positions[corners]
         tick()
@@ -53,20 +54,21 @@ class Triangles:
         return np.ascontiguousarray(self.points[:, which].swapaxes(1, 2))
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """(N,) from places (N, 3) to a triangle each, and (N, 3) the nearest points of these."""
+        """The distances (N,) from places (N, 3) to a triangle each, and the nearest points (N, 3) of these
+        triangles."""
         distances, nearest = to_triangles(columns(places), self.corners(which))
         return distances, nearest.T
 
 
 def needle_thickness(points: FloatArray) -> FloatArray:
-    """(T,): how thick triangles with corners (3, T, 3) are at most that are needles; 0 of others."""
+    """(T,): a bound of the thickness of needles among triangles with corners (3, T, 3); 0 for other triangles."""
     longest, heights = _longest_and_heights(points)
     return np.where(heights > NEEDLE * longest, 0.0, 2 * heights + NEEDLE**2 * longest)
 
 
 def distance_slack(points: FloatArray) -> FloatArray:
-    """(T,): how much too long ``to_triangles`` can find distances to triangles with corners (3, T, 3): the thickness of
-    needles, of others 4·2⁻⁵²·longest²/height (docs/deviation.md, Rounding)."""
+    """(T,): the largest error by which ``to_triangles`` finds distances to triangles with corners (3, T, 3) too long:
+    the thickness of needles, for others 4·2⁻⁵²·longest²/height (docs/deviation.md, Rounding)."""
     longest, heights = _longest_and_heights(points)
     is_plain = heights > NEEDLE * longest
     of_plain = np.divide(4 * np.finfo(float).eps * longest**2, heights, out=np.zeros_like(heights), where=is_plain)
@@ -74,7 +76,7 @@ def distance_slack(points: FloatArray) -> FloatArray:
 
 
 def _longest_and_heights(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(T,) the longest sides and (T,) the heights over them of triangles with corners (3, T, 3)."""
+    """The longest sides (T,) of triangles with corners (3, T, 3), and the heights (T,) over these sides."""
     normals = np.cross(points[1] - points[0], points[2] - points[0])
     longest = np.sqrt(squared_norms(points[[1, 2, 0]] - points).max(axis=0))
     return longest, np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
@@ -96,12 +98,12 @@ def _partners(corners: IndexArray, vertex_count: int) -> IndexArray:
 
 
 def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N,) distances from places (3, N) to triangles with corners (3, 3, N), and (3, N) the nearest points.
+    """The distances (N,) from places (3, N) to triangles with corners (3, 3, N), and the nearest points (3, N).
 
-    The nearest points are points of the triangles whatever rounding does: distances are not too short. They are too
-    long by ``distance_slack`` at most, and 2⁻³⁷ of themselves: the foot of the perpendicular is found from cross
-    products, whose relative error is the rounding over the sine of the angle at the first corner. Where that is too
-    small, the triangle is a needle, and its sides stand in for it.
+    The nearest points are points of the triangles whatever the rounding, so distances are not too short. Distances are
+    too long by ``distance_slack`` at most, and 2⁻³⁷ of themselves: the foot of the perpendicular comes from cross
+    products, with a relative error of the rounding over the sine of the angle at the first corner. If the sine is too
+    small, the triangle is a needle, and its sides replace it.
     """
     first = corners[0]
     ab, ac, ap = corners[1] - first, corners[2] - first, places - first
@@ -124,7 +126,7 @@ def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, F
 
 
 def _on_sides(places: FloatArray, corners: FloatArray) -> FloatArray:
-    """(3, N) the nearest points on the sides of triangles."""
+    """(3, N): the nearest points on the sides of triangles."""
     best, least = corners[0].copy(), np.full(places.shape[1], np.inf)
     for start, end in zip(corners, corners[[1, 2, 0]], strict=True):
         along, towards = end - start, places - start

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The windings of the borders of pieces about a place, as seen along a direction, and the ways that pieces face.
+"""The windings of the borders of pieces about a place, seen along a direction, and the ways that pieces face.
 
 docs/deviation.md, Covering and Sheets.
 """
@@ -12,13 +12,13 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import HALVES
 from .bezier_pieces import SIDES
 
-# Sides that may lie over the place are halved until they are shorter than so many times what they may be off.
+# Sides that may lie over the place are halved until shorter than this many times their excess.
 NARROW = 16.0
 
 
 def facing(across: FloatArray, excess: FloatArray, margin: float) -> IndexArray:
-    """(K,): 1 or -1 where all of a piece faces along the direction or against it, 0 where that is not known. across,
-    excess, margin: as of ``windings``."""
+    """(K,): 1 for a piece that faces along the direction everywhere, -1 against the direction everywhere, 0 if unknown.
+    across, excess, margin: as of ``windings``."""
     grid = across.reshape(2, 4, 4, -1)
     along_u, along_v = np.diff(grid, axis=1).reshape(2, 12, -1), np.diff(grid, axis=2).reshape(2, 12, -1)
     products = along_u[0][:, None] * along_v[1] - along_u[1][:, None] * along_v[0]
@@ -30,13 +30,13 @@ def facing(across: FloatArray, excess: FloatArray, margin: float) -> IndexArray:
 
 
 def windings(owners: IndexArray, across: FloatArray, excess: FloatArray, count: int, margin: float) -> IndexArray:
-    """(count,): how often the borders of all pieces of an owner wind about the origin; 0 where that is not known.
+    """(count,): the winding number of the borders of all pieces of an owner about the origin; 0 if unknown.
 
-    owners: (K,) intp; across: (2, 16, K), the pieces' coefficients across the direction; excess: (K,), how far the
-    surface may be off them; margin: what rounding can hide.
+    owners: (K,) intp; across: (2, 16, K), the pieces' coefficients across the direction; excess: (K,), of the pieces;
+    margin: the rounding allowance.
 
-    A curve may be drawn straight from end to end where its hull does not contain the place; where it does, its halves
-    are looked at.
+    A curve may be drawn straight from end to end if its hull does not contain the place; otherwise its halves are
+    examined.
     """
     excess = excess + margin
     near = np.flatnonzero((across.min(axis=1) <= excess).all(axis=0) & (across.max(axis=1) >= -excess).all(axis=0))
@@ -46,7 +46,7 @@ def windings(owners: IndexArray, across: FloatArray, excess: FloatArray, count: 
     while len(owners):
         is_clear = _are_clear(curves, excess)
         np.add.at(wound, owners[is_clear], _crossings(curves[:, :, is_clear]))
-        # Halving makes hulls narrower, not what they may be off.
+        # Halving makes hulls narrower, but not their excess.
         is_narrow = np.ptp(curves, axis=1).max(axis=0) <= NARROW * excess
         is_known[owners[~is_clear & is_narrow]] = False
         left = np.flatnonzero(~is_clear & ~is_narrow & is_known[owners])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The bounds by feet of a mesh's faces: of whole faces for all levels at once, and of parts where these do not decide.
+"""The bounds by feet of a mesh's faces: of whole faces for all levels at once, and of parts if these do not decide.
 
 Regular faces without feet, as at borders, have bounds at equal parameters.
 """
@@ -23,8 +23,8 @@ from .foot_bounds import LARGEST_TILT, FootBounds, equal_bounds, foot_bounds
 from .leaf_feet import leaf_feet
 from .middle_distances import likely_at_parts
 
-# How often nets are halved both ways before parts without feet, or too far from equal parameters, are given up. What
-# feet leave open of a part shrinks by about half each time.
+# The number of times nets are halved both ways before parts without feet, or too far from equal parameters, are given
+# up. Each time the undecided rest of a part shrinks by about half.
 NET_SPLITS = 3
 
 # Points of the net at the corners of a face.
@@ -33,10 +33,10 @@ AT_CORNERS = [5, 9, 10, 6]
 
 @dataclass(frozen=True)
 class FoundByFeet:
-    """Some faces at a level. bounds: (n,), infinite where none is proved; are_short: (n,) bool, whether one within the
-    limit is proved with ways no longer than a leaf: these ask for nothing of other faces but the leaves that touch
-    theirs; lasting: (n,) bool, those of them that are proved at every later level, too; is_open: (n,) bool, where feet
-    prove nothing, and something else may be within the limit."""
+    """Some faces at a level. bounds: (n,), infinite without a proof; are_short: (n,) bool, whether a bound within the
+    limit is proved with ways no longer than a leaf, and so depends only on the leaves that touch the face's own;
+    lasting: (n,) bool, whether such a bound holds at every later level, too; is_open: (n,) bool, whether feet prove
+    nothing, but another bound may be within the limit."""
 
     faces: IndexArray
     bounds: FloatArray
@@ -83,15 +83,15 @@ class FaceFeet:
         for own, values in zip(at_vertices, (whole.curvature, whole.speed), strict=True):
             for corner in range(4):
                 np.maximum.at(own, corners[:, corner], values)
-        # Feet stay where the surface is smooth, on faces whose curvature is known.
+        # Feet stay on faces with known curvature, where the surface is smooth.
         unknown = np.zeros(mesh.vertex_count, dtype=bool)
         unknown[mesh.corner_vertices[~is_regular[mesh.corner_faces]]] = True
         at_vertices[:, unknown] = np.inf
         curvature, speed = at_vertices[:, corners].max(axis=2)
         curvature[~patches.inside[regular]] = np.inf
         if vertices is Vertices.LIMIT:
-            # Triangles that might face apart would be drawn along the other diagonal: in the space where that is
-            # chosen, normals are farther apart by the condition of its axes at most.
+            # Triangles that might face apart would be drawn along the other diagonal; in the space of that choice,
+            # normals are farther apart by the condition of its axes at most.
             condition = 1.0 if mesh.axes is None else float(np.linalg.cond(mesh.axes))
             curvature[~(whole.tilt <= LARGEST_TILT / condition)] = np.inf
         equal = np.full(len(regular), np.inf)
@@ -103,8 +103,8 @@ class FaceFeet:
     def bounds(
         self, faces: IndexArray, level: int, shown: Vertices, limit: float, tick: Callable[[], None]
     ) -> Iterator[FoundByFeet]:
-        """Of some faces at a level, in chunks. shown: where vertices are, ``vertices`` or control points. limit: no
-        larger distance is of use."""
+        """The bounds of some faces at a level, in chunks. shown: the kind of vertices, ``vertices`` or control points.
+        limit: the largest useful distance."""
         places = self.places[faces]
         others = faces[places < 0]
         never = np.zeros(len(others), dtype=bool)
@@ -142,7 +142,7 @@ class FaceFeet:
         is_beyond = np.zeros(len(faces), dtype=bool)
         first = 0
         if shown is self.vertices and level:
-            # As a whole they have bounds already.
+            # Whole faces have bounds already.
             is_beyond = likely_at_parts(nets, level, shown, self.is_turned[places]) > limit
             nets, which = both_ways(SPLINE_HALVES, nets[:, :, ~is_beyond]), np.tile(which[~is_beyond], 4)
             first = 1
@@ -156,7 +156,7 @@ class FaceFeet:
             is_beyond[which[own.middle * 0.25 ** (level - split) > limit]] = True
             is_left = short > limit
             if split >= NET_SPLITS:
-                # What is off along the surface stays as it is.
+                # The error along the surface does not shrink.
                 is_left &= np.isfinite(short) & (constants[0] * (own.reach * 0.25 ** (level - split)) ** 2 < limit)
                 found[which[~is_left & (bounds > limit)]] = np.inf
             np.maximum.at(found, which[~is_left], bounds[~is_left])
@@ -181,7 +181,8 @@ class FaceFeet:
     def _of_leaves(
         self, nets: FloatArray, places: IndexArray, level: int, shown: Vertices
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of leaves (16, 3, P) at a level, in faces with bounds at these places (P,): as of ``leaf_feet``."""
+        """The bounds, as of ``leaf_feet``, of leaves (16, 3, P) at a level, in faces with bounds at these places
+        (P,)."""
         is_turned = self.is_turned[places]
         curvature, speed, size = self.curvature[places], self.speed[places], 0.5**level
         found = leaf_feet(_turned(nets, is_turned), shown, curvature, speed, size)
@@ -202,5 +203,5 @@ def _nets(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
 
 
 def _turned(nets: FloatArray, is_turned: BoolArray) -> FloatArray:
-    """Nets (16, 3, P), some of them (P,) mirrored, so that corners 1 and 3 of these become 0 and 2."""
+    """Nets (16, 3, P), mirrored where turned (P,), so that corners 1 and 3 become 0 and 2."""
     return np.where(is_turned, nets.reshape(4, 4, *nets.shape[1:])[::-1].reshape(nets.shape), nets)

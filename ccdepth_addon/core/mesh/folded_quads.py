@@ -17,7 +17,7 @@ LEAST_COSINE = 1e-3
 def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
     """(P,) whether the triangles of quads (4, P, 3), split from corner 0, face apart or nearly, in any of the spaces.
 
-    spaces: (3, 3) each, whose columns are the axes of a space, in coordinates of this one.
+    spaces: (3, 3) each, with the axes of a space as columns, in coordinates of the quads.
     """
     a, b, c, d = corners
     first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)
@@ -30,5 +30,5 @@ def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
 
 
 def _normals_in(normals: FloatArray, axes: FloatArray) -> FloatArray:
-    """(P, 3): normals of planes in a space with such axes, up to length: by the transposed matrix."""
+    """(P, 3): normals of planes in a space with given axes, up to length, by the transposed matrix."""
     return normals if np.array_equal(axes, np.eye(3)) else matrix_product(axes.T, normals.T).T

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The polygon mesh as arrays, and its half-edge neighbours.
 
-A corner (a face's visit to one of its vertices) is also the half-edge that leaves that vertex along the face, so
-corner arrays and half-edge arrays share one numbering: the corners of face ``f`` are
-``face_starts[f] … face_starts[f + 1] - 1``, in the order in which the face visits them.
+A corner (a vertex of a face, as seen from the face) is also the half-edge that leaves the vertex along the face, so
+corner arrays and half-edge arrays share one numbering: the corners of face ``f`` are ``face_starts[f] … face_starts[f +
+1] - 1``, in order around the face.
 """
 
 from __future__ import annotations
@@ -108,12 +108,12 @@ class PolygonMesh:
 
     @cached_property
     def edge_face_counts(self) -> IndexArray:
-        """(E,) intp, how many half-edges run along each edge: 0 loose, 1 boundary, 2 inside, more non-manifold."""
+        """(E,) intp, the number of half-edges along each edge: 0 loose, 1 boundary, 2 inside, more non-manifold."""
         return np.bincount(self.corner_edges, minlength=self.edge_count)
 
     @cached_property
     def vertex_face_counts(self) -> IndexArray:
-        """(V,) intp, how many corners stand at each vertex."""
+        """(V,) intp, the number of corners at each vertex."""
         return np.bincount(self.corner_vertices, minlength=self.vertex_count)
 
     @cached_property

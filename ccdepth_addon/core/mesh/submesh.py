@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Submeshes: faces with their one-ring, and indices renumbered to what is kept; and meshes joined to one."""
+"""Submeshes of faces with their one-ring, renumbered indices, and meshes joined to one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArr
 
     faces: (n,) ints, each face once. Returns the submesh and (m,) intp, for each of its faces the face of ``mesh``: the
     given ones first, in the given order, then the ring in the order of ``mesh``. Vertices and edges keep their order;
-    those of no kept face are dropped. Sharpness is copied unchanged, so the outer border of the ring follows no
+    those without a kept face are dropped. Sharpness is copied unchanged, so the outer border of the ring follows no
     boundary rules: a Catmull-Clark step moves everything that touches the given faces exactly as in the whole mesh;
     only the ring's outer half differs.
     """
@@ -32,11 +32,11 @@ def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArr
 
 
 def faces_alone(mesh: PolygonMesh, faces: IndexArray) -> PolygonMesh:
-    """The given faces (n,), each once, as a mesh of its own, without any around them.
+    """The given faces (n,), each once, as a mesh of its own, without the faces around.
 
-    Vertices and edges keep their order; those of no given face are dropped. Sharpness is copied unchanged. Of a
-    Catmull-Clark step the points of the faces, and of vertices and edges all of whose faces are given, are those of
-    the whole mesh.
+    Vertices and edges keep their order; those without a given face are dropped. Sharpness is copied unchanged. A
+    Catmull-Clark step makes the same points as in the whole mesh for the faces, and for vertices and edges with all
+    their faces given.
     """
     kept_corners = corners_of_faces(mesh, faces)
     corner_vertices, corner_edges = mesh.corner_vertices[kept_corners], mesh.corner_edges[kept_corners]
@@ -56,8 +56,8 @@ def faces_alone(mesh: PolygonMesh, faces: IndexArray) -> PolygonMesh:
 
 
 def joined_meshes(meshes: Sequence[PolygonMesh], counts: Sequence[int]) -> PolygonMesh:
-    """Several meshes beside each other as one. counts: how many first faces of each are the first of all, mesh by
-    mesh, and then come the others."""
+    """Several meshes beside each other as one. counts: for each mesh the number of its first faces that come first in
+    the joined mesh, mesh by mesh; the other faces follow."""
     vertices = np.cumsum([0, *(mesh.vertex_count for mesh in meshes)])
     edges = np.cumsum([0, *(mesh.edge_count for mesh in meshes)])
     ends = [int(mesh.face_starts[count]) for mesh, count in zip(meshes, counts, strict=True)]

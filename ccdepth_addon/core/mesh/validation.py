@@ -68,7 +68,7 @@ def _is_nowhere(mesh: PolygonMesh) -> BoolArray:
 
 
 def _is_one_point(mesh: PolygonMesh) -> bool:
-    """Whether all vertices with faces are at one point. Mostly the first edge shows that they are not."""
+    """Whether all vertices with faces are at one point. Mostly the first edge disproves it."""
     first = mesh.positions[mesh.corner_vertices[0]]
     if np.any(mesh.positions[mesh.corner_vertices[1:2]] != first):
         return False

@@ -23,8 +23,8 @@ Tick = Callable[[], None]
 
 @dataclass(frozen=True)
 class Places:
-    """The places of V vertices on a mesh. triangles: (V,) intp, the nearest triangle, or ``NONE`` where that faces
-    away, as across a thin wall. weights: (V, 3) float64, the barycentric weights of the triangle's corners."""
+    """The places of V vertices on a mesh. triangles: (V,) intp, the nearest triangle, or ``NONE`` if that faces away,
+    as across a thin wall. weights: (V, 3) float64, the barycentric weights of the triangle's corners."""
 
     triangles: IndexArray
     weights: FloatArray

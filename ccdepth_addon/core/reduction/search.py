@@ -94,8 +94,8 @@ class Reduction:
         self.current, self._is_fixed = mesh, is_fixed
 
     def beyond(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
-        """(V,) bool: the vertices of the current mesh near triangles of another mesh at fault: those with samples
-        hardly within the limit, and those with the same vertices as another triangle."""
+        """(V,) bool: the vertices of the current mesh near faulty triangles of another mesh, with samples hardly within
+        the limit, or with the same vertices as another triangle."""
         triangles = self._triangles(mesh, progress)
         distances = self._distances(mesh, triangles, progress)
         bad = (distances > NEARLY_BEYOND * self._limit) | has_double(mesh.corners)
@@ -189,8 +189,8 @@ class Reduction:
         self._is_fixed = self._is_fixed | near
 
     def _around(self, triangles: Triangles, bad: BoolArray, mesh: TriangleMesh, progress: Progress) -> BoolArray:
-        """(V,) bool: the vertices of the current mesh nearest to bad triangles of another mesh, or to triangles beside
-        those."""
+        """(V,) bool: the vertices of the current mesh nearest to bad triangles of another mesh, or to their
+        neighbours."""
         near = np.zeros(len(self.current.positions), dtype=bool)
         if not bad.any():
             return near

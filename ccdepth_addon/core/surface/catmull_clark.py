@@ -98,7 +98,7 @@ def _vertex_points(mesh: PolygonMesh, corner_face_points: FloatArray) -> FloatAr
 
 
 def _by_rule(mesh: PolygonMesh, smooth: FloatArray, sharp_edges: BoolArray, sharp_vertices: BoolArray) -> FloatArray:
-    """(V, 3): the vertex points for these sharp edges and vertices; ``smooth`` at smooth and dart vertices."""
+    """(V, 3): the vertex points for given sharp edges and vertices; ``smooth`` at smooth and dart vertices."""
     rules = rules_of(mesh, sharp_edges, sharp_vertices)
     points = smooth.copy()
     corners = rules == VertexRule.CORNER
@@ -119,7 +119,7 @@ def _edge_end_sums(mesh: PolygonMesh, chosen: BoolArray) -> FloatArray:
 def _parent_weights(mesh: PolygonMesh) -> FloatArray:
     """(V,): the weight of the rule before the step: the mean of the sharpnesses that end in the step.
 
-    Where none ends, both rules agree and the weight does not matter.
+    If none ends, both rules agree and the weight does not matter.
     """
     ending = (mesh.edge_sharpness > 0) & (mesh.edge_sharpness <= 1)
     own = (mesh.vertex_sharpness > 0) & (mesh.vertex_sharpness <= 1)

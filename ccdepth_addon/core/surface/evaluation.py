@@ -158,7 +158,7 @@ def _put_on_extraordinary(pending: _Pending, corners: IndexArray, quantity: Quan
     valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
     for valence in np.unique(valences).tolist():
         of_valence = np.flatnonzero(valences == valence)
-        # One extraordinary corner a face: it tells which face it is.
+        # With one extraordinary corner in each face, the corner identifies the face.
         for at_corners, chosen, which in _by_faces(corners[of_valence], AT_ONCE):
             part = pending.at(of_valence[chosen])
             turned = (part.points.corners - at_corners[which]) % 4
@@ -216,7 +216,7 @@ def _refined(pending: _Pending) -> Iterator[_Pending]:
 
 def _by_faces(faces: IndexArray, at_once: int) -> Iterator[tuple[IndexArray, IndexArray, IndexArray]]:
     """Points in chunks of faces, given the face of each: the faces of a chunk, the indices of the points on them, and
-    which of these faces each is on."""
+    for each point the index of its face in the chunk."""
     order = np.argsort(faces, kind="stable")
     ordered = faces[order]
     first = np.flatnonzero(np.diff(ordered, prepend=-1))
@@ -236,7 +236,7 @@ def _in_face(corners: IndexArray, parameters: FloatArray) -> FloatArray:
 
 
 def _in_quarters(parameters: FloatArray) -> SurfacePoints:
-    """Parameters (N, 2) in quads → the corner, 0 to 3, in whose quarter they lie, and the parameters there."""
+    """The quarters with parameters (N, 2) in quads, by their corner, 0 to 3, and the parameters there."""
     u, v = parameters.T
     right, upper = u > 0.5, v > 0.5
     corners = np.where(upper, np.where(right, 2, 3), np.where(right, 1, 0))

@@ -82,9 +82,9 @@ def _smooth_normals(spokes: FloatArray, diagonals: FloatArray) -> FloatArray:
     """(P, 3): at smooth vertices among quads, from the ends of their spokes (n, P, 3), in the order in which faces
     visit their corners, and the points (n, P, 3) across the faces after each spoke.
 
-    The limit tangents are the left eigenvectors of the largest eigenvalue below 1 (Halstead, Kass and DeRose 1993).
-    At valence 2 they are the differences of opposite points, with eigenvalue 1/4; but bending has -1/4, and does not
-    vanish beside them. The normal is then the one about which the normals around it alternate.
+    The limit tangents are the left eigenvectors of the largest eigenvalue below 1 (Halstead, Kass and DeRose 1993). At
+    valence 2 the tangents are the differences of opposite points, with eigenvalue 1/4; but bending has -1/4, and does
+    not vanish beside the tangents. The normal is then the vector about which the surrounding normals alternate.
     """
     valence = len(spokes)
     if valence == 2:

@@ -16,7 +16,7 @@ from .sharpness import VertexRule, has_finite_sharpness_above, rules_of
 def limit_positions(mesh: PolygonMesh, wanted: BoolArray | None = None) -> FloatArray:
     """(V, 3) float64: the limit position of each vertex of a mesh with explicit sharpness.
 
-    wanted: (V,) bool, the vertices whose positions have to be right; all by default.
+    wanted: (V,) bool, the vertices that need right positions; all by default.
 
     With n, V, E and F the valence and the vertex, edge and face points after one step (so the formulas hold around
     faces of any size), the limit is (n²V + 4ΣE + ΣF) / (n(n + 5)) at a smooth vertex (Halstead, Kass and DeRose,

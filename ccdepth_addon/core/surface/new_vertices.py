@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The places on the limit surface of the vertices that a Catmull-Clark step puts on edges and into quads.
+"""The limit positions of the new vertices of a Catmull-Clark step on edges and in quads.
 
-Such a vertex has four quads around it, and of its edges only the two halves of the edge it was put on can be sharp,
-both alike. Whatever follows for it depends on its ring alone: on the sum A of the ends of these halves, B of the other
-two edges' ends, and D of the four points across the quads. With V the vertex, each level with a sharpness of 1 or more
-takes these four to (catmull_clark; the new A has the midpoints, and the sum of the face points is the new D)
+A new vertex has four quads around it, and of its edges only the two halves of the divided edge can be sharp, both
+alike. Its limit depends on its ring alone: on the sum A of the ends of these halves, B of the other two edges' ends,
+and D of the four points across the quads. With V the vertex, each level with a sharpness of 1 or more takes V, A, B and
+D to (catmull_clark; the new A has the midpoints, and the sum of the face points is the new D)
 
     3V/4 + A/8,   V + A/2,   (V + B/2) / 2 + D'/4,   D' = V + A/2 + B/2 + D/4,
 
@@ -51,7 +51,7 @@ def limits_of_new_vertices(mesh: PolygonMesh, count: int) -> FloatArray:
     own_weight, of_edge_points, _, of_vertices = LIMIT_WEIGHTS[0]
     limits[:, 1] = own_weight * centre + of_edge_points * _sum(edge_points) + of_vertices * _sum(vertices)
     for corner, side, beside in ((1, 0, following), (3, 3, before)):
-        # Where no quad is across the side it is infinitely sharp, and these points do not count.
+        # Without a quad across, the side is infinitely sharp, and these points do not count.
         over, beyond = _across(mesh, own, side), _across(mesh, beside, 3 - side)
         along = vertices[0] + _points(mesh, beside, 0)
         across = centre + _points(mesh, over, 2)

@@ -49,8 +49,7 @@ class CornerKind(IntEnum):
 @dataclass(frozen=True)
 class PatchKinds:
     """kinds: (F,) int8 of PatchKind; extraordinary_corners: (F,) intp, for the extraordinary faces only that corner.
-    inside: (F,) bool, quads whose corners are all smooth and inside the surface, among quads, of whatever valence but
-    2."""
+    inside: (F,) bool, quads with all corners smooth and inside the surface, among quads, of any valence but 2."""
 
     kinds: NDArray[np.int8]
     extraordinary_corners: IndexArray
@@ -100,7 +99,7 @@ def _classify_corners(mesh: PolygonMesh) -> NDArray[np.int8]:
 
 
 def _regular_at_sharp_edges(mesh: PolygonMesh, corners: IndexArray, rules: NDArray[np.int8]) -> BoolArray:
-    """(corners,) bool: which of these corners at crease and fixed vertices a spline patch can have."""
+    """(corners,) bool: whether a spline patch can have each of the given corners at crease and fixed vertices."""
     sharp_edges = np.isinf(mesh.edge_sharpness)
     sharp_out = sharp_edges[mesh.corner_edges[corners]]
     sharp_in = sharp_edges[mesh.corner_edges[mesh.previous_corner[corners]]]
@@ -112,13 +111,13 @@ def _regular_at_sharp_edges(mesh: PolygonMesh, corners: IndexArray, rules: NDArr
 
 
 def faces_on_grids(mesh: PolygonMesh) -> BoolArray:
-    """(F,) bool: quads whose net is a 4 × 4 grid (``regular_nets``) by its topology, semi-sharp or not, and whose
-    surface reproduces bilinear functions of the places [i, j] on it.
+    """(F,) bool: quads with a net that is a 4 × 4 grid (``regular_nets``) by its topology, semi-sharp or not, and a
+    surface that reproduces bilinear functions of the places [i, j] on the grid.
 
     With (i, j) for positions, the smooth rules, the crease rule along a line of the grid, midpoints of sharp edges and
-    fixed vertices all give a point's own place, and so does whatever is blended from these. What does not is a crease
-    that turns: a vertex whose two sharpest edges are neighbours, the other two being duller. And where a dart ends an
-    infinitely sharp crease, points beyond it count that the net has no place for.
+    fixed vertices all give a point's own place, and so do blends of these. Two cases are excluded: a crease that turns,
+    at a vertex with its two sharpest edges as neighbours, the other two being duller; and a dart at the end of an
+    infinitely sharp crease, as points beyond it count that have no place in the net.
     """
     infinite = np.isinf(mesh.edge_sharpness)
     infinite_counts = np.bincount(mesh.edge_vertices[infinite].reshape(-1), minlength=mesh.vertex_count)
@@ -183,8 +182,8 @@ def regular_nets(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
 def _outer_vertices(mesh: PolygonMesh, corners: IndexArray) -> tuple[IndexArray, IndexArray, IndexArray]:
     """For half-edges of quads: the two vertices of the quad across, and the vertex diagonal from the start.
 
-    corners: (…) intp. near lies beyond the half-edge's start, far beyond its end, and diagonal across the corner at
-    the start. Where a neighbour is missing the vertex has no meaning.
+    corners: (…) intp. near lies beyond the half-edge's start, far beyond its end, and diagonal across the corner at the
+    start. A vertex of a missing neighbour has no meaning.
     """
     across = mesh.twin[corners]
     leaving = mesh.next_corner[across]

@@ -20,10 +20,9 @@ from .new_vertices import limits_of_new_vertices
 class Refinement:
     """Descendants of base faces at one level.
 
-    mesh: the descendants, its first faces, then all the other faces around their corners.
-    bases: (descendants,) intp, the base face of each.
-    origins: (descendants, 3) float64, the limit positions at their corners 0; None where they are not known, or where
-    some come from n-gons.
+    mesh: the descendants, its first faces, then all the other faces around their corners. bases: (descendants,) intp,
+    the base face of each. origins: (descendants, 3) float64, the limit positions at their corners 0; None if unknown,
+    or if some descendants come from n-gons.
     """
 
     mesh: PolygonMesh
@@ -79,7 +78,7 @@ class Refinement:
 
     @property
     def limits_at_corners(self) -> FloatArray:
-        """(C, 3) float64, the limit positions of those vertices; computed once."""
+        """(C, 3) float64, the limit positions of the vertices at the descendants' corners, computed once."""
         limits = self._known_limits()
         if limits is None:
             limits = self._find_limits()
@@ -101,7 +100,7 @@ class Refinement:
         return vars(self).get("limits")
 
     def _with_limits(self, limits: FloatArray | None, corners: IndexArray | slice) -> Refinement:
-        """The refinement with limits at the corners that are known: some of those of another refinement."""
+        """The refinement with known limits at corners, some of those of another refinement."""
         if limits is not None:
             vars(self)["limits"] = limits[corners]
         return self

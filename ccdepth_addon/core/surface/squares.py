@@ -73,7 +73,7 @@ class Squares:
         return found
 
     def and_then(self, other: Squares) -> Squares:
-        """These, followed by others."""
+        """The squares, followed by others."""
         return Squares(
             np.concatenate([self.bases, other.bases]),
             np.concatenate([self.origins, other.origins]),

@@ -31,14 +31,14 @@ def arguments_of(degree: int) -> IndexArray:
 
 
 def counts_of(degree: int) -> IndexArray:
-    """(28, 3) for degree 6: the multiplicity of each vertex among these."""
+    """(28, 3) for degree 6: the multiplicity of each vertex in each coefficient."""
     return (arguments_of(degree)[:, :, None] == np.arange(3)).sum(axis=1)
 
 
 @cache
 def _ways_to_share() -> FloatArray:
-    """(28, 100): in how many of the 20 ways to choose three of a coefficient's six arguments these are the ones of one
-    cubic coefficient, and the others those of another, [a, b] → 10a + b."""
+    """(28, 100): among the 20 ways to choose three of a coefficient's six arguments, the number in which the chosen
+    arguments belong to one cubic coefficient, and the others to another, [a, b] → 10a + b."""
     whole = counts_of(6)[:, None, None]
     chosen, others = counts_of(3)[None, :, None], counts_of(3)[None, None]
     choose = np.array([[comb(n, k) for k in range(4)] for n in range(7)])
@@ -83,7 +83,7 @@ def triangle_quarters() -> tuple[FloatArray, ...]:
     corners that are corners and middles of sides.
 
     The blossom at six places is the sum over all choices of one corner for each place, weighted by the barycentric
-    coordinates there; the coefficient goes by how often each corner is chosen.
+    coordinates there; the coefficient depends on the number of times each corner is chosen.
     """
     corners = np.eye(3)
     middles = (corners + np.roll(corners, -1, axis=0)) / 2
@@ -96,7 +96,7 @@ def _from_whole(quarter: FloatArray) -> FloatArray:
     weights = np.zeros((len(arguments_of(DEGREE)), DEGREE + 2, DEGREE + 2))
     weights[:, 0, 0] = 1.0
     for place in quarter[arguments_of(DEGREE)].swapaxes(0, 1)[..., None, None]:
-        # How often corners 1 and 2 are chosen; corner 0 is the rest. The last row and column stay empty.
+        # The number of times corners 1 and 2 are chosen; corner 0 is the rest. The last row and column stay empty.
         one_more = np.roll(weights, 1, axis=1), np.roll(weights, 1, axis=2)
         weights = place[:, 0] * weights + place[:, 1] * one_more[0] + place[:, 2] * one_more[1]
     return weights[:, *counts_of(DEGREE)[:, 1:].T]
