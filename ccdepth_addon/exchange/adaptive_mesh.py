@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A subdivision as arrays → a new Blender mesh, with everything that the base mesh has."""
+"""A subdivision as arrays → a new Blender mesh, with all data of the base mesh."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def new_mesh(
 
     base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
     sharpness. uv_smooth: the modifier's UV Smooth. exact_normals: shade with the exact normals of the limit surface.
-    ``base`` is not changed. Vertices and edges without faces stay as they are. Our values are left out.
+    ``base`` is not changed. Vertices and edges without faces stay unchanged. Our own values are left out.
     """
     mesh = own_copy(base)
     holder = bpy.data.objects.new(mesh.name, mesh)
@@ -73,7 +73,7 @@ def _write_faces(mesh: bpy.types.Mesh, subdivided: SubdividedMesh) -> None:
     write_values(mesh.polygons, "loop_start", subdivided.face_starts[:-1].astype(np.int32))
     write_values(data[".corner_vert"].data, "value", subdivided.corner_vertices)
     write_values(data[".corner_edge"].data, "value", subdivided.corner_edges)
-    # Blender selects what it adds.
+    # Blender selects new elements.
     for name in (".select_vert", ".select_edge", ".select_poly"):
         if name in data:
             data.remove(data[name])

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The attributes of a mesh on its subdivision: UV maps, colours, creases, selections, and whatever else there is.
+"""The attributes of a mesh on its subdivision: UV maps, colours, creases, selections, and all others.
 
 Like the Subdivision Surface modifier when it is applied, but for these:
 
-- Integers and texts are those of the nearest vertex or corner; the modifier averages integers, which makes up
-  meaningless numbers, or leaves zeros, by version and type, and drops texts.
+- Integers and texts come from the nearest vertex or corner. The modifier averages integers to meaningless numbers, or
+  leaves zeros, by version and type, and drops texts.
 - Vertex creases stay at the vertices; the modifier spreads them over the faces around.
 - Selected and hidden parts stay whole; the modifier drops the edges inside faces.
 - Edges with a crease of 1 are marked sharp, as they are sharp on the surface.
@@ -68,10 +68,10 @@ class AttributeTransfer:
         self.subdivided = subdivided
         self.uv_smooth = uv_smooth
 
-    # Values that are not finite stay so, where they can.
+    # Values that are not finite stay so where possible.
     @np.errstate(all="ignore")
     def write(self, mesh: bpy.types.Mesh) -> None:
-        """Write them all to the new mesh, which has its faces, and no other attributes."""
+        """Write all attributes to the new mesh, which has its faces, and no other attributes."""
         uv_maps = {layer.name for layer in self.base.uv_layers}
         for attribute in self.base.attributes:
             if is_left_out(attribute) or len(attribute.data) != _count(self.base, attribute.domain):
@@ -87,7 +87,7 @@ class AttributeTransfer:
         self._sharpen_creases(mesh)
 
     def _generic(self, attribute: bpy.types.Attribute) -> Values | None:
-        """The values of an attribute on the new mesh, or None for a type that is not known."""
+        """The values of an attribute on the new mesh, or None for an unknown type."""
         kind = TYPES.get(attribute.data_type)
         if kind is None:
             return None
@@ -103,7 +103,7 @@ class AttributeTransfer:
         return self._spread(attribute, values)
 
     def _spread(self, attribute: bpy.types.Attribute, values: Values) -> Values:
-        """Values at the vertices or corners of the base, interpolated at those of the new mesh."""
+        """Values at the vertices or corners of the base, interpolated at the vertices or corners of the new mesh."""
         if attribute.domain == "CORNER":
             return self._interpolated(attribute.data_type, values, self._at_corners)
         corner_values = values[self.control.corner_vertices]
@@ -121,7 +121,7 @@ class AttributeTransfer:
         if data_type == "FLOAT4X4":
             return join_transformations(self._linearly(split_transformations(values.astype(np.float64)), sample))
         if data_type == "BOOLEAN":
-            # True as soon as one corner with a weight is, like the modifier.
+            # True if one corner with a weight is, as in the modifier.
             return self._linearly(values.astype(np.float64), sample) > 0
         return self._linearly(values.astype(np.float64), sample)
 
@@ -152,7 +152,7 @@ class AttributeTransfer:
             written[place].value = texts[sources[place]]
 
     def _sources(self, domain: str) -> IndexArray | ShortIndexArray:
-        """The element of the base whose value each element of the new mesh copies, or -1."""
+        """For each element of the new mesh the element of the base with its value, or -1."""
         if domain == "POINT":
             return nearest_vertices(self.control, self.subdivided)
         if domain == "CORNER":
@@ -160,7 +160,7 @@ class AttributeTransfer:
         return self.subdivided.base_edges if domain == "EDGE" else self.subdivided.base_faces
 
     def _write_flags(self, mesh: bpy.types.Mesh, flag: str) -> None:
-        """Vertices and edges have the flag of the vertex, edge or face of the base that they lie in."""
+        """Write a flag: vertices and edges have the flag of the vertex, edge or face of the base that they lie in."""
         vertices, edges, faces = (self._flags(f"{flag}_{kind}") for kind in ("vert", "edge", "poly"))
         if not (vertices.any() or edges.any() or faces.any()):
             return
@@ -199,7 +199,7 @@ class AttributeTransfer:
                 write_values(new_items, MARKS, (sources >= 0) & marks[sources])
 
     def _sharpen_creases(self, mesh: bpy.types.Mesh) -> None:
-        """Shade crease edges sharp that stay sharp forever, unless an attribute of the user's has that name."""
+        """Shade infinitely sharp creases sharp, unless an attribute of the user has the name."""
         creases = read_creases(self.base, EDGE_CREASE)
         if creases is None:
             return
@@ -217,7 +217,7 @@ class AttributeTransfer:
 
 
 def is_left_out(attribute: bpy.types.Attribute) -> bool:
-    """Whether an attribute is not transferred as it is: the mesh itself, values of ours, flags, custom normals."""
+    """Whether an attribute is not transferred unchanged: the mesh itself, our own values, flags, custom normals."""
     if attribute.name == CUSTOM_NORMAL:
         free = attribute.data_type == "FLOAT_VECTOR" and bpy.app.version >= FREE_NORMALS
         return free or (attribute.data_type, attribute.domain) == ("INT16_2D", "CORNER")
@@ -226,7 +226,7 @@ def is_left_out(attribute: bpy.types.Attribute) -> bool:
 
 
 def _rows(data: Any, kind: ValueType) -> Values:
-    """(N, D) of a collection's values, D being 1 for single ones."""
+    """(N, D): the values of a collection, with D = 1 for single values."""
     return read_values(data, kind.value, kind.dtype, kind.width).reshape(-1, kind.width)
 
 
@@ -245,7 +245,7 @@ def _count(mesh: bpy.types.Mesh, domain: str) -> int:
 
 
 def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
-    """Make the same UV maps, colours and attribute the active ones and the rendered ones."""
+    """Make the same UV maps, colours and attribute active and rendered."""
     for layer in base.uv_layers:
         copy = mesh.uv_layers.get(layer.name)
         if copy is not None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Numbers of Blender's collections, read and written in one call each.
 
-Blender silently drops what is written in bulk to a library override.
+Blender silently drops values written in bulk to a library override.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class ValueType:
 
 
 IDENTITY = tuple(np.eye(4).ravel().tolist())
-# Byte colours are interpolated as they are stored, in sRGB.
+# Byte colours are interpolated as stored, in sRGB.
 TYPES = {
     "FLOAT": ValueType("value", np.float32),
     "FLOAT2": ValueType("vector", np.float32, 2),
@@ -45,7 +45,7 @@ TYPES = {
 
 
 class WriteError(ValueError):
-    """Blender did not keep what was written; the message says what in a modeller's words."""
+    """The error of values that Blender did not keep; the message names them in a modeller's words."""
 
 
 def read_values(items: Any, name: str, dtype: type, width: int = 1) -> NDArray[Any]:
@@ -87,7 +87,7 @@ def _is_kept(written: NDArray[Any], found: NDArray[Any], step: float) -> bool:
 
 
 def find_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str) -> bpy.types.Attribute | None:
-    """The attribute of that name, where it is of that type and domain."""
+    """The attribute with this name, type and domain, or None."""
     attribute = mesh.attributes.get(name)
     if attribute is None or (attribute.data_type, attribute.domain) != (data_type, domain):
         return None
@@ -95,7 +95,7 @@ def find_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str)
 
 
 def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: NDArray[Any]) -> None:
-    """Write an attribute in Object Mode; one of another type or domain under the name makes way for it.
+    """Write an attribute in Object Mode, in place of an attribute of the same name with another type or domain.
 
     values: (N,) or (N, D). Raises WriteError when Blender does not keep them.
     """

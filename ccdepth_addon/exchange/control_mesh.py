@@ -36,16 +36,16 @@ LEAST_STRETCH = 1e-6
 
 
 class ControlMeshError(ValueError):
-    """The object's control mesh cannot be read; the message says why in a modeller's words."""
+    """The error of an object whose control mesh cannot be read; the message gives the reason in a modeller's words."""
 
 
 @dataclass(frozen=True, eq=False)
 class ControlTopology:
-    """The common part of control meshes that differ in the places of their vertices alone.
+    """The common part of control meshes that differ only in the positions of their vertices.
 
     arrays: one of these meshes, in object space; its sharpness is that of its creases alone. rule: of its surface.
-    base_faces: (F,) intp, the face of the object's own mesh that each face comes from, ``NO_ORIGIN`` for none; None
-    when they are the same faces.
+    base_faces: (F,) intp, the origin of each face among the faces of the object's own mesh, or ``NO_ORIGIN``; None if
+    both have the same faces.
     """
 
     arrays: PolygonMesh
@@ -54,7 +54,7 @@ class ControlTopology:
 
     @cached_property
     def key(self) -> bytes:
-        """Equal for equal ones."""
+        """A checksum, equal for equal topologies."""
         digest = blake2b(repr(self.rule).encode())
         faces = () if self.base_faces is None else (self.base_faces,)
         for values in (*(getattr(self.arrays, name) for name in TOPOLOGY), *faces):
@@ -84,7 +84,7 @@ class ControlMesh:
     def of(
         cls, arrays: PolygonMesh, rule: SurfaceRule, base_faces: IndexArray | None, world: FloatArray
     ) -> ControlMesh:
-        """Raises InvalidMeshError without faces, and where faces have vertices that there are not."""
+        """The control mesh of arrays. Raises InvalidMeshError without faces, and for faces with missing vertices."""
         if arrays.face_count == 0:
             raise InvalidMeshError("the mesh has no faces")
         beyond = np.flatnonzero(arrays.corner_vertices >= arrays.vertex_count)
@@ -94,11 +94,11 @@ class ControlMesh:
 
     @cached_property
     def key(self) -> bytes:
-        """Equal for control meshes that are equal in object space, and come from the same faces."""
+        """A checksum, equal for control meshes that are equal in object space, and come from the same faces."""
         return blake2b(self.topology.key + self.positions.tobytes()).digest()
 
     def with_known_arrays(self, known: dict[bytes, Any]) -> ControlMesh:
-        """The control mesh with the arrays that are known, by their checksums; its other arrays are known then."""
+        """The control mesh with known arrays, by their checksums; its other arrays become known."""
         topology = known.setdefault(self.topology.key, self.topology)
         positions = known.setdefault(blake2b(self.positions.tobytes()).digest(), self.positions)
         return replace(self, topology=topology, positions=positions)
@@ -110,7 +110,7 @@ class ControlMesh:
 
     @property
     def mesh(self) -> PolygonMesh:
-        """The mesh in object space, with its sharpness explicit; made anew each time, but for what depends on faces
+        """The mesh in object space, with its sharpness explicit; made anew each time, except data of the faces
         alone."""
         return self.topology.mesh.changed(positions=self.positions.astype(np.float64))
 
@@ -167,8 +167,8 @@ class ControlMesh:
 
 
 def own_diagonal(blender_object: bpy.types.Object) -> float:
-    """The diagonal of an object whose control mesh is its own mesh, or in Edit Mode that being edited; no more is read
-    than positions and corners."""
+    """The diagonal of an object whose control mesh is its own mesh, or in Edit Mode the edited mesh. Only positions and
+    corners are read."""
     with own_mesh(blender_object) as mesh:
         positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3)
         has_faces = np.zeros(len(positions), dtype=np.bool_)
@@ -178,7 +178,7 @@ def own_diagonal(blender_object: bpy.types.Object) -> float:
 
 
 def diagonal_of(positions: FloatArray, has_faces: BoolArray, world: FloatArray) -> float:
-    """The length of the diagonal of the box around those of the positions (V, 3) where has_faces (V,) is true.
+    """The length of the diagonal of the box around the positions (V, 3) with has_faces (V,).
 
     The box lies along the object's axes; its eight corners are moved to the scene by world (3, 3), and the longest of
     its four diagonals counts. So turning the object changes nothing.
@@ -194,11 +194,11 @@ def diagonal_of(positions: FloatArray, has_faces: BoolArray, world: FloatArray) 
 
 
 def gram_matrix(world: FloatArray) -> FloatArray:
-    """(3, 3): AᵀA, which says how long the object makes every vector of its mesh, however it is turned."""
+    """(3, 3): AᵀA, the lengths that the object gives to all vectors of its mesh, independent of its rotation."""
     return world.T @ world
 
 
-# By the session identifier of the mesh and the rule it was read with.
+# Control meshes by the session identifier of the mesh and the rule.
 SharedMeshes = dict[tuple[int, SurfaceRule], ControlMesh]
 
 
@@ -210,12 +210,12 @@ def read_control_mesh(
     shared: SharedMeshes | None = None,
     copies: Evaluated | None = None,
 ) -> ControlMesh:
-    """The object's control mesh; in Edit Mode, of the mesh as it is being edited.
+    """The object's control mesh; in Edit Mode, of the edited mesh.
 
-    shared: the meshes read so far that other objects may use as well, to be read once only. copies: those with
-    ``counted_modifiers`` of this object and others; without, Blender evaluates this object alone.
-    Nothing of the file is changed. Raises ControlMeshError when its modifiers leave no trace of its faces, and
-    InvalidMeshError when it has no faces.
+    shared: the meshes read so far, for other objects that use the same mesh. copies: with the ``counted_modifiers`` of
+    this object and others; without copies, Blender evaluates this object alone. The file is not changed. Raises
+    ControlMeshError if the modifiers leave no trace of the object's faces, and InvalidMeshError for a control mesh
+    without faces.
     """
     counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     if copies is None:
@@ -244,9 +244,9 @@ def base_mesh(
 ) -> tuple[bpy.types.Mesh, ControlMesh]:
     """The Blender mesh whose Catmull-Clark surface is used, with all its attributes, and its control mesh.
 
-    In Object Mode. It is the object's own mesh, or where modifiers are counted in, one they have made, which lasts as
-    long as the copies do. Unlike depths, an adaptive mesh need not know which face of the object's own mesh each face
-    comes from. copies: those with ``base_modifiers`` of this object and others. shared: as of ``read_control_mesh``.
+    In Object Mode. The mesh is the object's own, or with counted modifiers their mesh, which lasts as long as the
+    copies. Unlike depths, an adaptive mesh need not know the origins of its faces. copies: with the ``base_modifiers``
+    of this object and others. shared: as of ``read_control_mesh``.
     """
     applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
     if not applied:
@@ -261,8 +261,8 @@ def base_mesh(
 def _rule_and_world(
     blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]
 ) -> tuple[SurfaceRule, FloatArray]:
-    """The rule of the object's surface, and the linear part of its matrix. Raises ControlMeshError where something
-    shapes its control mesh that cannot be counted in."""
+    """The rule of the object's surface, and the linear part of its matrix. Raises ControlMeshError if something that
+    cannot be counted shapes the control mesh."""
     rule = surface_rule(blender_object)
     _refuse_crease_groups(blender_object, rule)
     _refuse_simulations(modifiers)
@@ -284,7 +284,7 @@ def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> N
 
 
 def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -> None:
-    """The modifier takes creases from vertex groups of these names, too."""
+    """Raise ControlMeshError for vertex groups whose names make the modifier take creases from them."""
     for name in CREASE_DOMAINS if rule.use_creases else ():
         if name in blender_object.vertex_groups:
             raise ControlMeshError(
@@ -296,7 +296,8 @@ def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -
 def _read_evaluated(
     copies: Evaluated, blender_object: bpy.types.Object, rule: SurfaceRule
 ) -> tuple[PolygonMesh, IndexArray]:
-    """The mesh as the counted modifiers make it, and the face of the object's own that each of its faces comes from."""
+    """The mesh that the counted modifiers make, and the origins of its faces among the faces of the object's own
+    mesh."""
     made, base_faces = copies.made(blender_object)
     mesh = mesh_arrays(made, rule)
     losing = copies.losing_modifier(blender_object, base_faces) if mesh.face_count else None

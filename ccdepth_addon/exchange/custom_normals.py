@@ -12,7 +12,7 @@ from .attributes import CUSTOM_NORMAL, FREE_NORMALS
 from .blender_arrays import WriteError, find_attribute, read_values, write_attribute
 from .data_blocks import unused_name
 
-# How the names of attributes begin that hold custom normals for a while.
+# The prefix of temporary attributes for custom normals.
 CARRIED_NORMAL = "ccdepth_normal"
 
 
@@ -21,8 +21,8 @@ def write_limit_normals(
 ) -> None:
     """Shade a new mesh, which has its positions, with the normals of the limit surface, on both sides of every crease.
 
-    All faces become smooth ones: flat ones would not show them. deformable: whether the normals have to follow when
-    the vertices move, which only those stored as angles do. Raises WriteError where another attribute has their name.
+    All faces become smooth, as flat faces would not show the normals. deformable: whether the normals have to follow
+    moving vertices, as only normals stored as angles do. Raises WriteError if another attribute has their name.
     """
     if CUSTOM_NORMAL in mesh.attributes:
         raise WriteError(
@@ -45,7 +45,7 @@ def _write_normals(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, defor
 
 
 class CarriedNormals:
-    """The custom normals of a mesh as a plain attribute of its corners, which modifiers interpolate, and back again."""
+    """Custom normals carried through modifiers, which interpolate them as a plain attribute of corners."""
 
     def __init__(self, mesh: bpy.types.Mesh) -> None:
         """Write the attribute."""
@@ -54,7 +54,7 @@ class CarriedNormals:
         write_attribute(mesh, self._name, "FLOAT_VECTOR", "CORNER", normals)
 
     def put_back(self, mesh: bpy.types.Mesh, *, deformable: bool) -> None:
-        """Turn the attribute of this mesh, made of the other by modifiers, into custom normals."""
+        """Turn the attribute of a mesh that modifiers made into custom normals."""
         carried = mesh.attributes[self._name]
         normals = read_values(carried.data, "vector", np.float32, 3)
         mesh.attributes.remove(carried)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Copies of data-blocks that can be written to, and what belongs to a data-block and only operators change."""
+"""Writable copies of data-blocks, and changes of data-blocks that only operators make."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
 
 
 def unused_name(prefix: str, taken: Container[str]) -> str:
-    """A name for something temporary: the prefix and a number, which is none of those taken."""
+    """A name for something temporary: the prefix and a number, different from the names taken."""
     return next(name for number in count() if (name := f"{prefix}_{number}") not in taken)
 
 
 def meshes_with(uids: Iterable[int]) -> list[bpy.types.Mesh]:
-    """The meshes with these session identifiers, in their order, without those that are gone."""
+    """The remaining meshes with these session identifiers, in their order."""
     by_uid = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
     return [by_uid[uid] for uid in uids if uid in by_uid]
 
 
 def is_writable(mesh: bpy.types.Mesh) -> bool:
-    """Whether a mesh keeps what is written to it: it is neither linked nor a library override."""
+    """Whether a mesh keeps written values: it is neither linked nor a library override."""
     return mesh.is_editable and mesh.override_library is None
 
 
@@ -65,8 +65,8 @@ def remove_shape_keys(holder: bpy.types.Object) -> None:
 def convert_attribute(holder: bpy.types.Object, name: str, **settings: Any) -> None:
     """Convert an attribute of the mesh of ``holder``, which belongs to no scene, as Convert Attribute does.
 
-    settings: of that operator. Whoever calls an operator has the scene evaluated before and after, which takes as long
-    as there are objects in it; so the scene that the operator is told of is an empty one.
+    settings: of that operator. Calling an operator evaluates the scene before and after, in a time that grows with the
+    number of its objects; so the operator gets an empty scene.
     """
     attributes = holder.data.attributes
     attributes.active = attributes[name]

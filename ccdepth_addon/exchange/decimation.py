@@ -14,10 +14,10 @@ from .custom_normals import CARRIED_NORMAL
 from .data_blocks import as_bmesh, meshes_with, own_copy, unused_name
 from .feature_lines import border_edges, changes_along_lines, line_edges, thin_lines
 
-# What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
+# The tolerance in Decimate's coordinates: Decimate judges flatness by lengths in the unit of the coordinates.
 TOLERANCE = 0.01
 
-# How far lines may be moved, as a part of the tolerance: the faces beside them need the rest.
+# The largest distance by which lines may move, as a part of the tolerance; the faces beside them need the rest.
 PART_FOR_LINES = 0.5
 
 # The weight of vertices that Decimate may move; edges at vertices of weight 0 it leaves alone.
@@ -27,13 +27,13 @@ MAY_MOVE = 1.0
 class Decimation:
     """A mesh that is reduced step by step, along with all its attributes and vertex groups.
 
-    Decimate works in the scene's proportions. The meshes in between are data-blocks, each removed as soon as it is
-    neither the first, the current one, the last attempt nor the one that was kept; ``remove`` removes these as well.
+    Decimate works in the scene's proportions. Intermediate meshes are data-blocks. Each is removed once it is neither
+    the first, the current, the attempted nor the kept mesh; ``remove`` removes these as well.
     """
 
     def __init__(self, mesh: bpy.types.Mesh, world: FloatArray, tolerance: float) -> None:
-        """mesh: without shape keys; it is not changed. world: (3, 3), its object's matrix, invertible. tolerance: a
-        length in the scene."""
+        """mesh: without shape keys; not changed. world: (3, 3), its object's matrix, invertible. tolerance: a length in
+        the scene."""
         self._world = world
         positions = _positions(mesh)
         # Loose vertices may be anywhere.
@@ -54,16 +54,17 @@ class Decimation:
         return self._triangles(self._mesh("current"))
 
     def lines(self) -> ShortIndexArray:
-        """(L, 2): the vertices of edges on lines of the current mesh, which Decimate does not know."""
+        """(L, 2): the vertices of edges on lines of the current mesh, unknown to Decimate."""
         return line_edges(self._mesh("current"))
 
     def borders(self) -> ShortIndexArray:
-        """(B, 2): the vertices of edges at its border, where Decimate leaves more of them than are needed."""
+        """(B, 2): the vertices of edges at the border of the current mesh, where Decimate leaves more vertices than
+        needed."""
         return border_edges(self._mesh("current"))
 
     def attempt_thinner(self, lines: ShortIndexArray, may_go: BoolArray) -> TriangleMesh:
-        """Remove vertices from the lines of the current mesh; the result, in the scene. may_go: (V,), those that may
-        be removed."""
+        """The current mesh with fewer vertices on its lines, in the scene. may_go: (V,), the vertices that may be
+        removed."""
         self._let("attempt", 0)
         thinned = own_copy(self._mesh("current"))
         self._let("attempt", thinned.session_uid)
@@ -71,8 +72,8 @@ class Decimation:
         return self._triangles(thinned)
 
     def attempt(self, triangles: int, is_fixed: BoolArray) -> TriangleMesh:
-        """Merge triangles of the current mesh until so many are left; the result, in the scene. is_fixed: (V,), the
-        vertices that must stay."""
+        """The current mesh, merged to a number of triangles, in the scene. is_fixed: (V,), the vertices that must
+        stay."""
         self._let("attempt", 0)
         mesh = self._mesh("current")
 
@@ -90,18 +91,18 @@ class Decimation:
         return self._triangles(self._mesh("attempt"))
 
     def accept(self, *, keep: bool) -> None:
-        """Let the last attempt be the current mesh. keep: and the one that ``write`` writes."""
+        """Make the last attempt the current mesh. keep: whether ``write`` writes it, too."""
         self._let("current", self._uids["attempt"])
         if keep:
             self.keep()
 
     def keep(self) -> None:
-        """Let the current mesh be the one that ``write`` writes."""
+        """Make the current mesh the kept mesh, for ``write``."""
         self._let("kept", self._uids["current"])
 
     def write(self, mesh: bpy.types.Mesh, places: Places) -> None:
-        """Give a mesh the geometry, attributes and groups of the one that was kept, in object space. places: of its
-        vertices on the mesh it all began with."""
+        """Give a mesh the geometry, attributes and groups of the kept mesh, in object space. places: of its vertices on
+        the first mesh."""
         kept = self._mesh("kept")
         names = set(mesh.attributes.keys())
         write_values(kept.attributes["position"].data, "vector", self._stored(kept))
@@ -115,12 +116,12 @@ class Decimation:
         mesh.update()
 
     def remove(self) -> None:
-        """Remove what is left of the meshes in between."""
+        """Remove the remaining intermediate meshes."""
         for role in self._uids:
             self._let(role, 0)
 
     def _stored(self, mesh: bpy.types.Mesh) -> FloatArray:
-        """(V, 3) float32: positions in object space, as they are stored."""
+        """(V, 3) float32: the stored positions in object space."""
         positions = _positions(mesh) @ np.linalg.inv(self._to_decimate).T + self._middle
         return positions.astype(np.float32)
 
@@ -144,8 +145,8 @@ class Decimation:
 def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
     """Write UV maps, colours and normals at the corners around the vertices of a mesh, from the triangles of another.
 
-    Decimate interpolates them along the edges it merges, and moves vertices off these edges: textures would slide.
-    Vertices on lines, which have not moved, and those that may belong to the other side of one keep what they have.
+    Decimate interpolates values along merged edges, and moves vertices off these edges: textures would slide. Vertices
+    on lines have not moved, and vertices beside lines may belong to the other side; both keep their values.
     """
     kept = np.zeros(len(mesh.vertices), dtype=bool)
     kept[line_edges(mesh)] = True
@@ -171,8 +172,8 @@ def _positions(mesh: bpy.types.Mesh) -> FloatArray:
 
 
 def _made_by(mesh: bpy.types.Mesh, add_modifier: Callable[[bpy.types.Object], None]) -> bpy.types.Mesh:
-    """A new mesh of triangles, made by a modifier, with all that the mesh has; in a scene of its own, as others may be
-    large."""
+    """A new mesh of triangles, made by a modifier, with all data of the mesh; in a scene of its own, as other scenes
+    may be large."""
     holder = bpy.data.objects.new(mesh.name, mesh)
     scene = bpy.data.scenes.new(mesh.name)
     groups = len(holder.vertex_groups)
@@ -195,7 +196,7 @@ def _made_by(mesh: bpy.types.Mesh, add_modifier: Callable[[bpy.types.Object], No
 
 
 def _remove_groups(holder: bpy.types.Object, kept: int) -> None:
-    """Remove the vertex groups after the first so many."""
+    """Remove all vertex groups but the first ones."""
     if not kept:
         holder.vertex_groups.clear()
     for group in list(holder.vertex_groups)[kept:]:

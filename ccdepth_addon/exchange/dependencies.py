@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The dependencies of depths beside the mesh: the object's scale, its modifiers, and the data these refer to.
 
-Modifiers are described by all their RNA properties, whatever their type and Blender's version: nothing is left out by
-its name alone, but for how Blender displays every modifier and every node. Nothing is evaluated: animated and driven
-values are those Blender evaluated last.
+Modifiers of every type and Blender version are described by all their RNA properties: no property is left out by its
+name, except the display settings of modifiers and nodes. Nothing is evaluated: animated and driven values are those of
+Blender's last evaluation.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ DECIMALS = 5
 # No settings of modifiers are nested deeper.
 DEEPEST = 5
 
-# Modifiers whose result depends on the frame, without animated settings.
+# Modifiers that depend on the frame even without animated settings.
 AT_FRAMES = {"BUILD", "DYNAMIC_PAINT", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "PARTICLE_INSTANCE", "WAVE"}
 NODES_AT_FRAMES = {"GeometryNodeBake", "GeometryNodeInputSceneTime", "GeometryNodeSimulationOutput"}
 
-# The state of Blender's interface, and what it counted when it evaluated a modifier last.
+# The state of Blender's interface, and counts of a modifier's last evaluation.
 DISPLAY_PREFIXES = ("active_", "open_")
 DISPLAY_FIELDS = {
     "active", "face_count", "id_data", "is_active_output", "node_warnings", "panels", "rna_type", "select",
@@ -55,14 +55,14 @@ class Description(NamedTuple):
     mentioned: tuple[bpy.types.Object, ...] = ()
 
 
-# By the session identifier of what was described.
+# Descriptions by the session identifier of the described data-block.
 KnownDescriptions = dict[int, Description]
 
 
 @dataclass(frozen=True)
 class ObjectState:
-    """An object's scale, as AᵀA (6,), and a checksum of everything else that shapes its surface. frame: that it was
-    read on; None for the scene as it is."""
+    """An object's scale, as AᵀA (6,), and a checksum of everything else that shapes its surface. frame: the frame of
+    reading; None for the present scene."""
 
     scale: FloatArray
     checksum: str
@@ -76,10 +76,10 @@ def object_state(
     with_vertices: bool = False,
     known: KnownDescriptions | None = None,
 ) -> ObjectState:
-    """The state of an object as it is now.
+    """The present state of an object.
 
-    with_vertices: whether it matters where the object's own Subdivision Surface modifier has its vertices.
-    known: what was described for other objects at the same time, to be read once only.
+    with_vertices: whether the vertices of the object's own Subdivision Surface modifier matter. known: descriptions
+    made for other objects at the same time, so that nothing is read twice.
     """
     describer = _Describer(blender_object, {} if known is None else known)
     world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
@@ -95,7 +95,7 @@ def object_state(
 
 
 def shown_checksum(blender_object: bpy.types.Object, shown: Iterable[bpy.types.Modifier]) -> str:
-    """A checksum of what these modifiers, and shape keys, make of the object's mesh."""
+    """A checksum of all that these modifiers, and shape keys, depend on."""
     describer = _Describer(blender_object, {})
     texts = [*describer.shape_keys(), *describer.modifiers(list(shown)), *describer.places()]
     texts += describer.crease_groups()
@@ -138,7 +138,7 @@ def _fields_of(holder: bpy.types.bpy_struct) -> tuple[str, ...]:
 
 
 def _read(holder: bpy.types.bpy_struct, name: str) -> Any:
-    """A property; None where Blender has it and cannot read it, as of an object it has not evaluated yet."""
+    """A property; None if Blender cannot read it, as of an object not evaluated yet."""
     try:
         return getattr(holder, name)
     except (AttributeError, RuntimeError, TypeError, ValueError):
@@ -165,7 +165,7 @@ class _Describer:
                 yield self._modifier(modifier)
 
     def crease_groups(self) -> Iterator[str]:
-        """The vertex groups that the Subdivision Surface modifier takes for creases; mostly there are none."""
+        """The vertex groups that the Subdivision Surface modifier takes for creases, mostly none."""
         groups = self.viewer.vertex_groups
         yield from (f"group {name}" for name in CREASE_DOMAINS if name in groups)
 
@@ -181,7 +181,7 @@ class _Describer:
             return str(modifier.type)
         text = self._settings(modifier)
         if modifier.type == "NODES" and not hasattr(modifier, "properties"):
-            # Since Blender 5.2 the inputs are properties like any other; before, they are custom ones.
+            # Since Blender 5.2 the inputs are ordinary properties; before, custom properties.
             text += " ".join(f"{key}={self._value(modifier[key])}" for key in modifier.keys())  # noqa: SIM118
         runs = modifier.type in AT_FRAMES and getattr(modifier, "play_mode", "SCENE") == "SCENE"
         return f"{text} {_frame_text()}" if runs else text
@@ -223,7 +223,7 @@ class _Describer:
 
     def _once(self, block: bpy.types.ID, describe: Callable[[Any], str]) -> str:
         if block.session_uid not in self.known:
-            # Ends cycles: what refers to itself is described once.
+            # Ends cycles: a data-block that refers to itself is described once.
             self.known[block.session_uid] = Description("")
             before = len(self.mentioned)
             text = describe(block)
@@ -233,7 +233,7 @@ class _Describer:
         return self.known[block.session_uid].text
 
     def _content(self, other: bpy.types.Object) -> str:
-        """Another object apart from its place: its data, and what its own modifiers do."""
+        """Another object apart from its place: its data, and its own modifiers."""
         there = _Describer(other, self.known)
         shown = [modifier for modifier in other.modifiers if modifier.show_viewport]
         texts = [other.type, there._own_data(other), *there.shape_keys(), *there.modifiers(shown)]

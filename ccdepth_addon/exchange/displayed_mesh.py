@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender object → what the viewport draws of it: triangles, with the modifiers that show there, for measuring; and
-triangles and edges with a value for each face, for the overlay."""
+"""Blender object → its mesh in the viewport, with the modifiers that show there: triangles for measuring; triangles and
+edges with a value for each face for the overlay."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from .modifiers import NOT_SHAPING, SIMULATIONS, is_evaluated
 
 @dataclass(frozen=True)
 class Triangles:
-    """positions: (V, 3) float64, those of the triangles alone. corners: (T, 3) intp, the vertices of each triangle.
-    faces: (T,) intp, the face of the object's own mesh that each comes from, or ``NO_ORIGIN``."""
+    """Triangles of an object. positions: (V, 3) float64, of vertices with triangles. corners: (T, 3) intp, the vertices
+    of each triangle. faces: (T,) intp, the origin of each triangle among the faces of the object's own mesh, or
+    ``NO_ORIGIN``."""
 
     positions: FloatArray
     corners: IndexArray
@@ -38,7 +39,7 @@ class ShownMesh:
     location: FloatArray
 
     def positions_from(self, origin: FloatArray) -> FloatArray:
-        """(V, 3): the positions in the scene, counted from a point of it."""
+        """(V, 3): the positions in the scene, relative to a point."""
         # Column by column and in this order, as for the control mesh: equal points stay equal.
         x, y, z = self.triangles.positions.T
         offset = self.location - origin
@@ -46,7 +47,7 @@ class ShownMesh:
         return np.stack(columns, axis=1)
 
     def rounding_from(self, origin: FloatArray) -> float:
-        """The largest rounding error of those positions in double precision.
+        """The largest rounding error of positions from ``positions_from``.
 
         Each coordinate is a sum of four terms: at most six roundings of u = 2⁻⁵³ each, of the sum of the terms'
         absolute values; three coordinates make √3 of that, and so 16u is enough.
@@ -57,15 +58,15 @@ class ShownMesh:
 
 
 def shown_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """The modifiers that shape what the object shows; in Edit Mode, those of Object Mode as well."""
+    """The modifiers that shape the shown mesh; in Edit Mode, those of Object Mode as well."""
     return [m for m in blender_object.modifiers if m.show_viewport and m.type not in NOT_SHAPING]
 
 
 def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object) -> ShownMesh:
-    """The mesh that the object shows now; in Edit Mode, as it is being edited.
+    """The mesh that the object shows now; in Edit Mode, the edited mesh.
 
-    Nothing of the file is changed. Raises ControlMeshError when a simulation makes it, and InvalidMeshError when there
-    are no faces, or vertices at no finite position.
+    The file is not changed. Raises ControlMeshError for a mesh made by a simulation, and InvalidMeshError for a mesh
+    without faces, or with vertices at no finite position.
     """
     matrix = np.array(blender_object.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
     if not np.isfinite(matrix).all():
@@ -86,7 +87,7 @@ def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object
 
 
 def _triangles(mesh: bpy.types.Mesh, face_origins: IndexArray) -> Triangles:
-    """The triangles Blender draws of a mesh whose faces come from these."""
+    """The triangles that Blender draws of a mesh, given the origins of its faces."""
     mesh.calc_loop_triangles()
     corners = read_values(mesh.loop_triangles, "loops", np.int32, 3)
     if not len(corners):
@@ -108,9 +109,9 @@ MOST_EDGES = 400_000
 
 @dataclass(frozen=True)
 class DisplayedMesh:
-    """corners: (C, 3) float32, the place of each corner of a face. values: (C,), that of its face. triangles: (T, 3)
-    int32, of corners. chosen: (S, 3), those of selected faces, where they are wanted. edges: (E, 2, 3) float32, the
-    ends of those that faces have; none of a very large mesh."""
+    """A mesh to draw. corners: (C, 3) float32, the place of each corner of a face. values: (C,), the value of the
+    corner's face. triangles: (T, 3) int32, of corners. chosen: (S, 3), the triangles of selected faces, if wanted.
+    edges: (E, 2, 3) float32, the ends of edges with faces; none of a very large mesh."""
 
     corners: NDArray[np.float32]
     values: NDArray[np.int32] | NDArray[np.float32]
@@ -122,10 +123,10 @@ class DisplayedMesh:
 def read_displayed_mesh(
     mesh: bpy.types.Mesh, kind: AttributeKind, *, with_hidden: bool, with_chosen: bool
 ) -> DisplayedMesh | None:
-    """The faces and values that a viewport draws of an evaluated mesh; None where it has no such values.
+    """The faces and values that a viewport draws of an evaluated mesh; None without such values.
 
-    with_hidden: whether hidden faces are drawn as well, as they are in Object Mode. with_chosen: whether selected ones
-    are told apart.
+    with_hidden: whether hidden faces are drawn as well, as in Object Mode. with_chosen: whether selected faces are
+    drawn differently.
     """
     face_count, corner_count = len(mesh.polygons), len(mesh.loops)
     if not has_values(mesh, kind) or not 0 < face_count == len(mesh.attributes[kind.name].data):

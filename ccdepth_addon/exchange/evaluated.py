@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Temporary copies of objects, by which Blender evaluates their modifiers, and the faces of the objects' own meshes
-that evaluated faces come from."""
+"""Temporary copies of objects, for Blender to evaluate their modifiers, and the origins of evaluated faces among the
+faces of the objects' own meshes."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ ORIGIN_PRIME = 2**31 - 1
 OBJECTS_AT_ONCE = 128
 VERTICES_AT_ONCE = 1 << 18
 
-# These remove faces. Faces that other modifiers lose are merged into faces that keep one origin alone.
+# The modifiers that remove faces. Other modifiers lose faces by merging them into faces that keep one origin alone.
 REMOVING_FACES = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
 
 
 def in_batches(objects: Sequence[bpy.types.Object]) -> Iterator[list[bpy.types.Object]]:
-    """The objects in groups that are few and small enough to be evaluated at once."""
+    """The objects in groups few and small enough to be evaluated at once."""
     return batches(objects, lambda each: len(each.data.vertices), VERTICES_AT_ONCE)
 
 
 def batches(items: Iterable[Item], size_of: Callable[[Item], int], most: int) -> Iterator[list[Item]]:
-    """Items in groups of as many as are evaluated at once; a group ends with the item that makes its size the most."""
+    """Items in groups to be evaluated at once; a group ends with the item that brings its size to the limit."""
     batch: list[Item] = []
     size = 0
     for item in items:
@@ -56,8 +56,8 @@ def batches(items: Iterable[Item], size_of: Callable[[Item], int], most: int) ->
 
 @dataclass
 class _Copy:
-    """A copy of an object. faces: how many the object's own mesh has; origins: the attribute with their numbers; made:
-    what the modifiers have made."""
+    """A copy of an object. faces: the number of faces of the object's own mesh; origins: the attribute with the numbers
+    of faces; made: the mesh that the modifiers have made."""
 
     holder: bpy.types.Object
     faces: int
@@ -71,8 +71,8 @@ class _Copy:
 class Evaluated:
     """Temporary copies of objects in the scene, with some of their modifiers.
 
-    Their values are those the objects have now, keyed or not, so they must not be animated again. The scene is
-    evaluated once for all of them: each time takes as long as there are objects.
+    Copies have the present values of the objects, keyed or not, so they must not be animated again. The scene is
+    evaluated once for all copies, as each evaluation takes longer with more objects.
     """
 
     def __init__(self, context: bpy.types.Context) -> None:
@@ -83,14 +83,14 @@ class Evaluated:
         self._losing: dict[int, bpy.types.Modifier] | None = None
 
     def add(self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]) -> None:
-        """Copy an object, with these of its modifiers, and with origins on its faces."""
+        """Copy an object, with chosen modifiers, and with origins on its faces."""
         names = {modifier.name for modifier in modifiers}
         mesh, origins = self._mesh(blender_object)
         copy = own_copy(blender_object)
         self._copies[blender_object.session_uid] = _Copy(copy, len(mesh.polygons), origins)
         copy.data = mesh
         copy.animation_data_clear()
-        # What is hidden in all viewports is not evaluated.
+        # Objects hidden in all viewports are not evaluated.
         copy.hide_viewport = False
         for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
@@ -112,10 +112,11 @@ class Evaluated:
         return self._meshes[uid]
 
     def made(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
-        """The mesh made by the modifiers, which lasts as long as the copies do, and the face of the object's own mesh
-        that each face comes from.
+        """The mesh made by the modifiers, which lasts as long as the copies, and the origins of its faces among the
+        faces of the object's own mesh.
 
-        Unlike what Blender evaluates for itself, it has the last levels that the graphics card makes in the viewport.
+        Unlike Blender's own evaluated meshes, this mesh includes the last levels, which the graphics card makes in the
+        viewport.
         """
         copy = self._copies[blender_object.session_uid]
         if copy.made is None:
@@ -136,7 +137,7 @@ class Evaluated:
         return mesh
 
     def losing_modifier(self, blender_object: bpy.types.Object, base_faces: IndexArray) -> str | None:
-        """The modifier that merges faces, if one does: base_faces are all that what is made comes from."""
+        """The modifier that merges faces, or None. base_faces: the origins of the made mesh's faces."""
         if len(present_faces(base_faces)) == self._copies[blender_object.session_uid].faces:
             return None
         if self._losing is None:
@@ -145,7 +146,8 @@ class Evaluated:
         return None if modifier is None else modifier.name
 
     def _find_losing(self) -> dict[int, bpy.types.Modifier]:
-        """Show one more modifier of all copies at a time."""
+        """The first modifier of each copy that loses faces, found by showing one more modifier of all copies at a
+        time."""
         stacks = {uid: list(copy.holder.modifiers) for uid, copy in self._copies.items()}
         for modifier in [modifier for stack in stacks.values() for modifier in stack]:
             modifier.show_viewport = False
@@ -173,7 +175,7 @@ class Evaluated:
 def evaluated(
     context: bpy.types.Context, wanted: Mapping[bpy.types.Object, Sequence[bpy.types.Modifier]]
 ) -> Iterator[Evaluated]:
-    """Copies of those of the objects that Blender must evaluate, each with the modifiers given."""
+    """Copies of the objects that Blender must evaluate, each with its given modifiers."""
     copies = Evaluated(context)
     try:
         for blender_object, modifiers in wanted.items():
@@ -186,7 +188,7 @@ def evaluated(
 
 
 def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
-    """Write its number on every face of a mesh, and return the name it has there, which nothing else has."""
+    """Write the number of each face of a mesh to a new attribute; returns its unique name."""
     name = unused_name(ORIGIN_ATTRIBUTE, {*holder.vertex_groups.keys(), *mesh.attributes.keys()})
     origins = np.arange(1, len(mesh.polygons) + 1)
     pairs = np.stack([origins, origins * origins % ORIGIN_PRIME], axis=1).astype(np.int32)
@@ -195,7 +197,7 @@ def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
 
 
 def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
-    """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
+    """(F,) intp: the origin of each face of an evaluated mesh, or NO_ORIGIN."""
     attribute = find_attribute(mesh, name, "INT32_2D", "FACE")
     if attribute is None:
         return np.full(len(mesh.polygons), NO_ORIGIN, dtype=np.intp)
@@ -206,7 +208,7 @@ def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> Inde
 
 
 def present_faces(base_faces: IndexArray) -> IndexArray:
-    """The faces of an object's own mesh, each once, that faces (F,) of the evaluated one come from."""
+    """The faces of an object's own mesh, each once, among the origins (F,) of evaluated faces."""
     is_present = np.zeros(int(base_faces.max(initial=NO_ORIGIN)) + 1, dtype=bool)
     is_present[base_faces[base_faces != NO_ORIGIN]] = True
     return np.flatnonzero(is_present)

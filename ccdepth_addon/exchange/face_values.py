@@ -20,7 +20,7 @@ BOUND = "ccdepth_bound"
 COLOR = "ccdepth_color"
 DEVIATION = "ccdepth_deviation"
 
-# What BMesh calls the elements of a domain, and the layers of a type.
+# BMesh's names for the elements of a domain, and for the layers of a type.
 ELEMENTS = {"FACE": "faces", "CORNER": "loops"}
 LAYERS = {"INT": "int", "FLOAT": "float", "FLOAT_COLOR": "float_color"}
 
@@ -51,14 +51,14 @@ ATTRIBUTES = (DEPTH_KIND, BOUND_KIND, DEVIATION_KIND, COLOR_KIND)
 
 
 def rounded_up(bounds: ArrayLike) -> NDArray[np.float32]:
-    """Bounds as attributes and records hold them, in single precision, rounded up: a bound stays a bound."""
+    """Bounds for attributes and records, rounded up to single precision, so that each stays a bound."""
     exact = np.asarray(bounds, dtype=np.float64)
     single = exact.astype(np.float32)
     return np.where(single < exact, np.nextafter(single, np.float32(np.inf)), single)
 
 
 def has_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
-    """Whether the mesh has an attribute like this one, with a record of ours or without."""
+    """Whether the mesh has an attribute of this kind, with a record of ours or without."""
     return find_attribute(mesh, kind.name, kind.data_type, kind.domain) is not None
 
 
@@ -78,9 +78,9 @@ def write_face_values(
 ) -> None:
     """Write attributes in Object Mode or in Edit Mode, all or none.
 
-    columns: (F,), one value for each face, or of colours a row for each corner. undo: when it is closed, the mesh has
-    its old attributes again; in Edit Mode, where Blender keeps what is written, it does nothing.
-    Raises WriteError, with nothing changed, when Blender does not keep them.
+    columns: (F,), one value for each face, or for colours a row for each corner. undo: restores the old attributes when
+    closed; it does nothing in Edit Mode, where Blender keeps written values. Raises WriteError, with nothing changed,
+    if Blender does not keep the values.
     """
     if mesh.is_editmode:
         _write_while_editing(mesh, columns)
@@ -100,7 +100,7 @@ def write_face_values(
 
 
 def _stored(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any] | None:
-    """The values of an attribute as they are now; None when there is none."""
+    """The present values of an attribute; None without the attribute."""
     attribute = mesh.attributes.get(kind.name)
     if attribute is None:
         return None
@@ -119,7 +119,7 @@ def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | 
 
 @contextmanager
 def _active_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
-    """Keep the active attribute, which Blender remembers by its changing index, unless it is removed."""
+    """Keep the active attribute, which Blender remembers by a changing index, unless it is removed."""
     attributes = mesh.attributes
     active = None if attributes.active is None else attributes.active.name
     try:
@@ -154,7 +154,8 @@ def read_face_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any]:
 
 
 def remove_all(mesh: bpy.types.Mesh) -> None:
-    """Remove all our attributes from the mesh; where our colours were displayed or rendered, the user's are again."""
+    """Remove all our attributes from the mesh; if our colours were displayed or rendered, the user's colours replace
+    them."""
     attributes = mesh.attributes
     chosen = {name: getattr(attributes, name) for name in ("active_color_name", "default_color_name")}
     with _active_kept(mesh):
@@ -182,7 +183,7 @@ def _remove_layers_while_editing(mesh: bpy.types.Mesh) -> None:
 def write_colors(mesh: bpy.types.Mesh, colors: NDArray[np.float32]) -> None:
     """Write and display colours of faces (F, 4), linear, as a colour attribute, in Object Mode.
 
-    Raises WriteError, with nothing changed, when Blender does not keep them.
+    Raises WriteError, with nothing changed, if Blender does not keep the colours.
     """
     attributes, displayed = mesh.attributes, mesh.attributes.active_color_name
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
@@ -198,8 +199,8 @@ def write_colors(mesh: bpy.types.Mesh, colors: NDArray[np.float32]) -> None:
 
 
 def color_of_user(mesh: bpy.types.Mesh, name: str) -> str:
-    """The name of the user's colours for one that may be that of ours: those displayed before, or the first ones, which
-    Blender chooses too when colours are removed."""
+    """The name of the user's colours in place of a name that may be ours: the colours displayed before, or the first
+    colours, as Blender chooses when colours are removed."""
     if name != COLOR:
         return name
     before = mesh.ccdepth.previous_active_color

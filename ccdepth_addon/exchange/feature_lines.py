@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lines on a mesh that must stay where they are when its triangles are merged, and fewer vertices on them.
+"""Lines on a mesh that must stay in place when its triangles are merged, and fewer vertices on them.
 
-Decimate knows of no lines: it merges their vertices with others beside them. So they are fixed there, and those that a
-line can do without have to go before.
+Decimate knows no lines: it merges their vertices with neighbours. So the vertices of lines are fixed for Decimate, and
+superfluous ones have to go before.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .attributes import MARKS
 from .blender_arrays import TYPES, read_built_in, read_values
 from .data_blocks import as_bmesh
 
-# Values on both sides of an edge that differ by more than this part of all there are make a line.
+# Values on both sides of an edge make a line if they differ by more than this part of the range of all values.
 SAME = 1e-5
 
 # Marks of edges that make lines.
@@ -79,7 +79,7 @@ def line_edges(mesh: bpy.types.Mesh) -> ShortIndexArray:
 
 
 def _spread(values: NDArray[Any], corner_edges: NDArray[np.int32], edge_count: int) -> NDArray[np.float64]:
-    """(E,): how far values (C, D) at the corners before edges are apart at each edge, in the column where most."""
+    """(E,): the largest difference, over columns, between values (C, D) at the corners before each edge."""
     low, high = np.full((edge_count, values.shape[1]), np.inf), np.full((edge_count, values.shape[1]), -np.inf)
     np.minimum.at(low, corner_edges, values)
     np.maximum.at(high, corner_edges, values)
@@ -93,10 +93,10 @@ Chain = list[int]
 
 
 def thin_lines(mesh: bpy.types.Mesh, edges: ShortIndexArray, may_go: BoolArray, tolerance: float) -> None:
-    """Remove vertices from the lines of a mesh of triangles, which stays one.
+    """Remove vertices from the lines of a mesh of triangles, which stays a mesh of triangles.
 
-    edges: (L, 2), of the lines. may_go: (V,), which vertices may be removed. tolerance: how far those may be from the
-    line that is left.
+    edges: (L, 2), of the lines. may_go: (V,), the vertices that may be removed. tolerance: their largest distance from
+    the remaining line.
     """
     positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3).astype(np.float64)
     chains = chains_of(edges)
@@ -112,7 +112,7 @@ def thin_lines(mesh: bpy.types.Mesh, edges: ShortIndexArray, may_go: BoolArray, 
 
 
 def chains_of(edges: ShortIndexArray) -> list[Chain]:
-    """The lines between vertices where they end or meet others; those that end nowhere start and end at one vertex."""
+    """The lines between vertices where lines end or meet; closed lines start and end at one vertex."""
     neighbours: dict[int, list[int]] = {}
     for one, other in edges.tolist():
         neighbours.setdefault(one, []).append(other)
@@ -120,7 +120,7 @@ def chains_of(edges: ShortIndexArray) -> list[Chain]:
     ends = [vertex for vertex, others in neighbours.items() if len(others) != 2]
     chains: list[Chain] = []
     walked: set[tuple[int, int]] = set()
-    # What is left after the ends are rings.
+    # After the lines with ends only rings remain.
     for start in [*ends, *neighbours]:
         for following in neighbours[start]:
             if (start, following) not in walked:
@@ -139,7 +139,7 @@ def _walk(neighbours: dict[int, list[int]], start: int, following: int, walked: 
 
 
 def superfluous(positions: FloatArray, chain: Chain, tolerance: float) -> Chain:
-    """The vertices that a line does without: no farther than the tolerance from the segments between those it keeps
+    """The superfluous vertices of a line: no farther than the tolerance from the segments between the kept vertices
     (Douglas and Peucker, 1973)."""
     points = positions[chain]
     kept = np.zeros(len(chain), dtype=bool)
@@ -164,7 +164,7 @@ def superfluous(positions: FloatArray, chain: Chain, tolerance: float) -> Chain:
 
 
 def _to_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """(P,): how far points (P, 3) are from a segment."""
+    """(P,): the distances of points (P, 3) from a segment."""
     along = end - start
     shares = (points - start) @ along / max(float(along @ along), np.finfo(float).tiny)
     return np.linalg.norm(points - start - np.clip(shares, 0.0, 1.0)[:, None] * along, axis=1)
@@ -180,7 +180,7 @@ def _beside(chains: Iterable[list[Any]]) -> dict[Any, list[Any]]:
 
 
 def _apart(vertices: list[Any]) -> tuple[list[Any], list[Any]]:
-    """The vertices no two of which share an edge, and the others."""
+    """A part of the vertices without a common edge between any two, and the others."""
     chosen, others = [], []
     taken: set[Any] = set()
     for vertex in vertices:
@@ -193,8 +193,8 @@ def _apart(vertices: list[Any]) -> tuple[list[Any], list[Any]]:
 
 
 def _remove(edited: Any, vertices: list[Any], beside: dict[Any, list[Any]]) -> None:
-    """Remove vertices of lines, no two of which share an edge: on either side of the line the triangles around one
-    become a polygon, and that is cut into triangles anew."""
+    """Remove vertices of lines without a common edge between any two: on either side of the line the triangles around a
+    vertex become a polygon, which is cut into triangles anew."""
     removed = [vertex for vertex in vertices if _can_go(vertex, beside[vertex])]
     around = [e for v in removed for e in v.link_edges if e.other_vert(v) not in beside[v]]
     bmesh.ops.dissolve_edges(edited, edges=around, use_verts=False, use_face_split=False)
@@ -214,8 +214,8 @@ def _remove(edited: Any, vertices: list[Any], beside: dict[Any, list[Any]]) -> N
 
 
 def _can_go(vertex: Any, beside: list[Any]) -> bool:
-    """Whether the triangles at a vertex lie around it, or beside each other at a border that is the line; and its two
-    neighbours on the line share no edge."""
+    """Whether a vertex can be removed: its triangles lie around it, or beside each other at a border along the line;
+    and its two neighbours on the line share no edge."""
     if not vertex.is_manifold:
         return False
     if vertex.is_boundary and not all(e.other_vert(vertex) in beside for e in vertex.link_edges if e.is_boundary):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender mesh → ``PolygonMesh``, with its creases as sharpness, and checksums of it as Blender keeps it."""
+"""Blender mesh → ``PolygonMesh``, with its creases as sharpness, and checksums of the Blender mesh."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
 
 @contextmanager
 def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
-    """The object's mesh, or in Edit Mode a temporary copy of what is being edited."""
+    """The object's mesh, or in Edit Mode a temporary copy of the edited mesh."""
     if not blender_object.data.is_editmode:
         yield blender_object.data
         return
@@ -109,7 +109,7 @@ UNREAD = {"position", EDGE_CREASE, VERTEX_CREASE, *(kind.name for kind in ATTRIB
 
 
 def geometry_checksum(mesh: bpy.types.Mesh) -> int:
-    """A checksum of positions, faces, edges and creases of a mesh that is not in Edit Mode."""
+    """A checksum of positions, faces, edges and creases of a mesh outside Edit Mode."""
     checksum = 0
     for values in _stored(mesh):
         checksum = crc32(values.data, checksum)
@@ -117,9 +117,9 @@ def geometry_checksum(mesh: bpy.types.Mesh) -> int:
 
 
 def content_checksum(mesh: bpy.types.Mesh) -> int:
-    """``geometry_checksum`` with all other attributes counted in, but for the interface's own and values of ours.
+    """``geometry_checksum`` with all other attributes, except the interface's and our own.
 
-    An attribute of zeros is the same as none: Blender adds and removes such ones by itself.
+    An attribute of zeros counts as none, as Blender adds and removes such attributes by itself.
     """
     checksum = geometry_checksum(mesh)
     for attribute in sorted(mesh.attributes, key=lambda each: each.name):
@@ -133,17 +133,17 @@ def content_checksum(mesh: bpy.types.Mesh) -> int:
 
 
 def checksum_of_points(points: Any, name: str = "co", width: int = 3) -> int:
-    """A checksum of a vector of every item of a collection."""
+    """A checksum of one vector for every item of a collection."""
     return crc32(read_values(points, name, np.float32, width).tobytes())
 
 
 def continued(checksum: int, name: str, values: NDArray[Any]) -> int:
-    """The checksum with an attribute of the mesh counted in."""
+    """The checksum with an attribute of the mesh added."""
     return crc32(values.data, crc32(name.encode(), checksum))
 
 
 def _stored(mesh: bpy.types.Mesh) -> Iterator[NDArray[Any]]:
-    """No creases are the same as creases of zero."""
+    """The stored creases; no creases count as creases of zero."""
     attributes = mesh.attributes
     yield read_built_in(attributes, "position", "vector", np.float32, 3)
     yield read_values(mesh.polygons, "loop_start", np.int32)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The modifiers of an object: which shape its control mesh, and which one the surface over it.
+"""The modifiers of an object: the modifiers that shape its control mesh, and the modifier of the surface.
 
-The surface is the one that the object's Subdivision Surface modifier makes at its place in the stack. With several such
-modifiers it is the first of type Catmull-Clark that shows in the viewport, or else the first of that type; one of type
-Simple is a modifier like any other. Without one, all modifiers that show in the viewport stand above it, and its
-settings are the modifier's defaults.
+The surface is that of the object's Subdivision Surface modifier at its place in the stack. Among several such modifiers
+the first of type Catmull-Clark that shows in the viewport counts, or else the first of that type; type Simple is a
+modifier like any other. Without a Subdivision Surface modifier, all modifiers that show in the viewport count, and the
+surface has the modifier's default settings.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import bpy
 # Vertices as each object's own Subdivision Surface modifier has them, beside the core's CONTROL and LIMIT.
 OF_OBJECT = "OBJECT"
 
-# These leave the mesh as it is.
+# The modifiers that leave the mesh unchanged.
 NOT_SHAPING = {"COLLISION", "PARTICLE_SYSTEM"}
 
 # Their cache belongs to the object itself: a copy has none.
@@ -33,7 +33,7 @@ class SurfaceRule:
 
 
 def subdivision_modifier(blender_object: bpy.types.Object) -> bpy.types.Modifier | None:
-    """The modifier whose surface is used, if there is one."""
+    """The modifier of the surface, or None."""
     found = [
         modifier
         for modifier in blender_object.modifiers
@@ -51,8 +51,8 @@ def surface_rule(blender_object: bpy.types.Object) -> SurfaceRule:
 
 
 def shown_vertices(blender_object: bpy.types.Object, vertices: str) -> str:
-    """CONTROL or LIMIT: the vertices themselves where they are named, and for OF_OBJECT those that the object's
-    Subdivision Surface modifier shows. Without one these are on the limit surface, as is the modifier's default."""
+    """CONTROL or LIMIT: the named vertices, or for OF_OBJECT the vertices of the object's Subdivision Surface modifier;
+    without a modifier LIMIT, the modifier's default."""
     if vertices != OF_OBJECT:
         return vertices
     modifier = subdivision_modifier(blender_object)
@@ -60,7 +60,8 @@ def shown_vertices(blender_object: bpy.types.Object, vertices: str) -> str:
 
 
 def counted_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
-    """The modifiers above the Subdivision Surface modifier that show in the viewport; none where they do not count."""
+    """The modifiers above the Subdivision Surface modifier that show in the viewport; none if modifiers do not
+    count."""
     if not use_modifiers:
         return []
     last = subdivision_modifier(blender_object)
@@ -74,14 +75,14 @@ def counted_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) 
 
 
 def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.Modifier]) -> bool:
-    """Whether the control mesh is not the object's own mesh, but one that Blender makes of it."""
+    """Whether Blender makes the control mesh from the object's own mesh."""
     data = blender_object.data
-    # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
+    # Edit Mode shows and holds the edited shape key; elsewhere keys are mixed.
     return bool(counted) or (data.shape_keys is not None and not data.is_editmode)
 
 
 def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
-    """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and those that are counted in."""
+    """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and the counted modifiers."""
     base, subdivision = (
         base_modifiers(blender_object, use_modifiers=use_modifiers),
         subdivision_modifier(blender_object),
@@ -96,6 +97,6 @@ def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> 
 
 
 def has_own_keys(blender_object: bpy.types.Object, *, use_modifiers: bool) -> bool:
-    """Whether the base mesh has shape keys: they are applied where modifiers make it."""
+    """Whether the base mesh has shape keys; if modifiers make the mesh, keys are applied."""
     has_keys = blender_object.data.shape_keys is not None
     return has_keys and not base_modifiers(blender_object, use_modifiers=use_modifiers)

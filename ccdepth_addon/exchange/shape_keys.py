@@ -26,7 +26,7 @@ ANIMATION_SETTINGS = (
     "use_nla",
 )
 TRACK_SETTINGS = ("name", "mute", "lock")
-# In this order: where a strip ends follows from the others.
+# The order matters: the end of a strip follows from the other values.
 STRIP_SETTINGS = (
     "action_slot",
     "action_frame_start",
@@ -81,7 +81,7 @@ def _positions(key: bpy.types.ShapeKey, control: PolygonMesh, subdivided: Subdiv
 
 
 def basis_mesh(base: bpy.types.Mesh, control: PolygonMesh) -> PolygonMesh:
-    """The control mesh as the basis key has it, where there are keys."""
+    """The control mesh in the basis key, or unchanged without keys."""
     if base.shape_keys is None:
         return control
     coordinates = read_values(base.shape_keys.reference_key.points, "co", np.float32, 3)
@@ -89,7 +89,7 @@ def basis_mesh(base: bpy.types.Mesh, control: PolygonMesh) -> PolygonMesh:
 
 
 def _add_key(holder: bpy.types.Object, key: bpy.types.ShapeKey, relative: bool) -> bpy.types.ShapeKey:
-    """A key of the same name; where keys are absolute, at the same frame, which Blender sets by the evaluation time."""
+    """A key of the same name; absolute keys have the same frame, which Blender sets by the evaluation time."""
     if not relative and holder.data.shape_keys is not None:
         holder.data.shape_keys.use_relative = False
         holder.data.shape_keys.eval_time = key.frame

@@ -23,7 +23,7 @@ Groups = list[tuple[str, bool]]
 
 
 def has_groups(mesh: bpy.types.Mesh) -> bool:
-    """Whether a mesh has vertex groups, which only its objects know."""
+    """Whether a mesh has vertex groups, whose names only its objects know."""
     holder = bpy.data.objects.new(mesh.name, mesh)
     try:
         return len(holder.vertex_groups) > 0

@@ -15,12 +15,12 @@ from ..core import FloatArray
 # The depth that has the last colour, as all deeper ones have; the first is for 0, on every mesh.
 LAST_DEPTH = 8
 
-# The colours of depths 0 to 8, in sRGB; those between are found by linear interpolation. None is nearly black, which
-# shows neither edges nor form, and is nearly the background of a dark theme.
+# The colours of depths 0 to 8, in sRGB, with linear interpolation between them. None is nearly black: that would show
+# neither edges nor form, and resemble the background of a dark theme.
 RAMP = "6c2f9c 3a5fc9 1e8eb3 21a781 40be63 87cd53 bfd947 f3e446 fef3a8"
 RAMP_COLORS = np.array([list(bytes.fromhex(color)) for color in RAMP.split()]) / 255.0
 
-# Beyond the scale: no colour of it, and much darker than its last.
+# The colour beyond the scale: no colour of the scale, and much darker than its last.
 BEYOND = (0.85, 0.16, 0.16)
 
 
@@ -39,5 +39,5 @@ def depth_colors(depths: ArrayLike) -> FloatArray:
 
 
 def to_linear(srgb: FloatArray) -> FloatArray:
-    """sRGB colours as the scene-linear ones that colour attributes hold (IEC 61966-2-1)."""
+    """sRGB colours as scene-linear colours, as in colour attributes (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

@@ -59,12 +59,12 @@ def last_kind(mesh: bpy.types.Mesh) -> Shown | None:
 
 
 def has_shown(mesh: bpy.types.Mesh, kind: Shown) -> bool:
-    """Whether the mesh has values of that kind, with their record."""
+    """Whether the mesh has values of a kind, with their record."""
     return mesh_values.has_deviation(mesh) if kind is Shown.DEVIATION else mesh_values.has_depths(mesh)
 
 
 def tolerance_of(mesh: bpy.types.Mesh, kind: Shown) -> float:
-    """The tolerance of these values, as a length in the scene; 0 where there is no record."""
+    """The tolerance of values, as a length in the scene; 0 without a record."""
     record = mesh.ccdepth
     return float((record.measurement if kind is Shown.DEVIATION else record).world_tolerance)
 
@@ -78,7 +78,7 @@ def top(kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup) -> flo
 
 
 def on_scale(kind: Shown, values: Values) -> NDArray[np.float32]:
-    """Values of an attribute as the scale has them: deeper depths become the last depth."""
+    """Values of an attribute on the scale: deeper depths become the last depth."""
     return (values.clip(0, LAST_DEPTH) if kind is Shown.DEPTH else values).astype(np.float32)
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The facts of a session, which are in no file: the diagonals that relative tolerances are parts of, how many faces
-adaptive meshes would have, what the last run refused, and which selections are shown.
+"""The facts of a session, stored in no file: the diagonals for relative tolerances, the numbers of faces of adaptive
+meshes, the meshes that the last run refused, and the selections shown.
 
-The interface asks for what is known, and computes nothing while it is drawn. Diagonals that it asked for, and those
-that have changed since, are measured when nothing has happened for a while, where that takes no time; the others are
-known once somebody has measured them.
+The interface asks for known facts, and computes nothing while it is drawn. Requested and changed diagonals are measured
+when nothing has happened for a while, if measuring takes no time; other diagonals are known once an operator has
+measured them.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _diagonals: dict[_Key, float | None] = {}
 _wanted: set[_Key] = set()
 _slow: set[_Key] = set()
 
-# By the session identifiers of the objects that were counted together: a mesh that several of them get counts once.
+# Counts by the session identifiers of the objects counted together: a mesh for several of them counts once.
 _counts: dict[frozenset[int], tuple[AdaptiveSettings, FaceCount]] = {}
 
-# How many faces were at fault, by the session identifiers of meshes.
+# The numbers of faces at fault, by the session identifiers of meshes.
 _refused: dict[int, int] = {}
 
 # The meshes whose faces an operator selected in Object Mode, by their session identifiers.
@@ -47,8 +47,8 @@ _selected: set[int] = set()
 
 
 def objects_for_tolerance(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The objects that tolerances are told for: the active object, or the selected objects where the active one is no
-    mesh. A result is replaced by its source."""
+    """The objects whose tolerances are shown: the active object, or the selected objects if the active one is no mesh.
+    A result is replaced by its source."""
     active = context.active_object
     holders = [active] if active is not None and active.type == "MESH" else context.selected_objects
     return [control_object(each) for each in holders if each.type == "MESH"]
@@ -82,7 +82,7 @@ def measured_diagonal(
 
 
 def _measure_wanted() -> bool:
-    """Measure the diagonals that were asked for, where measuring takes no time."""
+    """Measure the requested diagonals, if measuring takes no time."""
     wanted = _wanted.copy()
     _wanted.clear()
     by_uid = {each.session_uid: each for each in bpy.data.objects if each.type == "MESH"} if wanted else {}
@@ -104,7 +104,7 @@ def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | 
             return _recorded(holder, use_modifiers)
         found = measured_diagonal(bpy.context, holder, use_modifiers=use_modifiers)
     except Exception:
-        # What cannot be measured is not shown.
+        # Diagonals that cannot be measured are not shown.
         traceback.print_exc()
         return None
     if perf_counter() - started > LONG:
@@ -128,7 +128,7 @@ def remember_count(
 ) -> None:
     """Keep and show the count of each task's result, and the count of all results together, until the objects change.
     With too many faces, any count is the count of all."""
-    # What was evaluated for counting must not look like a change of the objects.
+    # The evaluation for counting must not look like a change of the objects.
     context.view_layer.update()
     together = counts[0]
     if not together.are_too_many:
@@ -155,7 +155,7 @@ def note_refused(faces_at_fault: Mapping[str, int]) -> None:
     _refused.clear()
     for name, faces in faces_at_fault.items():
         holder = bpy.data.objects.get(name)
-        # It may have been deleted while the run went on.
+        # The object may have been deleted during the run.
         if holder is not None:
             _refused[holder.data.session_uid] = faces
 

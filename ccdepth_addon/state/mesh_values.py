@@ -32,7 +32,7 @@ from ..tasks.surfaces import SurfaceSettings, naming
 
 
 def has_depths(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh holds depths of ours; undo in Edit Mode can remove them and leave their record."""
+    """Whether the mesh holds our depths; undo in Edit Mode can remove them and leave their record."""
     return mesh.ccdepth.has_result and has_values(mesh, DEPTH_KIND)
 
 
@@ -47,7 +47,7 @@ def has_any(mesh: bpy.types.Mesh) -> bool:
 
 
 def is_deviation_last(mesh: bpy.types.Mesh) -> bool:
-    """Whether the last result that is still on the mesh is a measurement."""
+    """Whether the last values still on the mesh are a measurement's."""
     return has_deviation(mesh) and (mesh.ccdepth.shows_deviation or not has_depths(mesh))
 
 

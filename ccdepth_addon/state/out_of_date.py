@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The depths and deviations that no longer hold, and the results with changed sources. What was touched is examined
-when nothing has happened for a while, and the answer is kept until it is touched again. Operators that rely on depths
-examine them themselves, by the same function.
+"""The depths and deviations that no longer hold, and the results with changed sources. Touched data are examined when
+nothing has happened for a while, and the answer is kept until they are touched again. Operators that rely on depths
+examine them by the same function.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ Answer = TypeVar("Answer")
 # In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its depths stale.
 LARGEST_EDITED_FACE_COUNT = 200_000
 
-# All by session identifiers. Meshes that were touched, whose depths no longer hold, and that were just written to; and
-# objects that depths were not computed for.
+# All by session identifiers: touched meshes, meshes with stale depths, and meshes just written to; and objects without
+# depths computed for them.
 _touched: set[int] = set()
 _stale: set[int] = set()
 _own_writes: set[int] = set()
 _uncovered: set[int] = set()
 
-# What has changed since the measurements on meshes were made.
+# The changes since the measurements on meshes.
 _changes: dict[int, str] = {}
 
-# By an object, the meshes that were measured against its limit surface; by a source, its results.
+# By an object, the meshes measured against its limit surface; by a source, its results.
 _measured_against: dict[int, set[int]] = {}
 _results: dict[int, set[int]] = {}
 _object_count = -1
 
-# Sources that were touched, that are in Edit Mode, and that have left it since they were examined last.
+# Touched sources, sources in Edit Mode, and sources that have left Edit Mode since they were last examined.
 _touched_sources: set[int] = set()
 _edited: set[int] = set()
 _left: set[int] = set()
 
-# Results whose sources have changed, and those that are to be made anew because of that.
+# Results with changed sources, and results to be made anew for that reason.
 _changed: set[int] = set()
 _due: set[int] = set()
 
@@ -69,15 +69,16 @@ def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object])
 
 
 def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
-    """Write to the mesh what the depths just written to it depend on (``still_holds.remember_depths``): the next change
-    of its geometry is the writing of them."""
+    """Write the inputs of new depths to the mesh (``still_holds.remember_depths``): the next change of its geometry is
+    the writing of the depths."""
     still_holds.remember_depths(mesh, *given)
     _stale.discard(mesh.session_uid)
     _own_writes.add(mesh.session_uid)
 
 
 def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -> None:
-    """Write to the object and its mesh what its new measurement depends on: the next change is the writing of it."""
+    """Write the inputs of a new measurement to the object and its mesh: the next change is the writing of the
+    measurement."""
     still_holds.remember_measurement(measured, target)
     _changes.pop(measured.data.session_uid, None)
     _own_writes.add(measured.data.session_uid)
@@ -139,7 +140,7 @@ def _examine_touched() -> bool:
     _touched.clear()
     _touched_sources.clear()
     found = [_examine(touched)]
-    # What is being edited is examined when it leaves Edit Mode.
+    # Edited data are examined when they leave Edit Mode.
     for each in bpy.data.objects if sources else ():
         if each.session_uid in sources and each.type == "MESH" and not each.data.is_editmode:
             found.append(_examine_results_of(each))
@@ -152,7 +153,7 @@ def _examine(uids: set[int]) -> bool:
     known: KnownDescriptions = {}
     for mesh, objects in users.items():
         if mesh_values.has_depths(mesh):
-            # What cannot be examined counts as stale.
+            # Depths that cannot be examined count as stale.
             found = _tried(still_holds.examine, mesh, objects, known)
             uncovered = set(found.uncovered) if found else set()
             _set(_stale, mesh, found is None or found.has_changed)
@@ -171,7 +172,7 @@ def _examine_results_of(source: bpy.types.Object) -> bool:
     _left.discard(source.session_uid)
     made = result_record.results_of(source)
     for result in made:
-        # What cannot be examined counts as changed.
+        # A source that cannot be examined counts as changed.
         changed = _tried(result_record.source_has_changed, result, source) is not False
         _set(_changed, result, changed)
         if changed and has_left and _is_kept_updated(result):
@@ -180,7 +181,7 @@ def _examine_results_of(source: bpy.types.Object) -> bool:
 
 
 def _is_kept_updated(result: bpy.types.Object) -> bool:
-    """Whether the result is made anew without asking: only while its own mesh is as it was made."""
+    """Whether the result is made anew automatically: only while its own mesh is unchanged."""
     return result.ccdepth.keep_updated and not result.data.is_editmode and not result_record.is_edited(result)
 
 
@@ -209,7 +210,7 @@ def _users_of_values(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Obje
 
 
 def touch(mesh: bpy.types.Mesh) -> None:
-    """Examine the mesh's depths and deviations soon."""
+    """Let the mesh's depths and deviations be examined soon."""
     _touched.add(mesh.session_uid)
     watch.examine_soon()
 

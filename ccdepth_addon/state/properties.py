@@ -49,7 +49,7 @@ METHOD_TEXTS = {
         "Depth from the distances between control points, for comparison" + AT_EQUAL_PARAMETERS,
     ),
 }
-# Files store numbers, so what came later has later ones.
+# Files store numbers, so later items have later numbers.
 METHOD_NUMBERS = {"CERTIFIED": 0, "SHARP": 1, "SECOND_ORDER": 2, "FIRST_ORDER": 3, "DISTANCE": 4}
 METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method], "NONE", METHOD_NUMBERS[method]) for method in METHODS)
 VERTEX_TEXTS = {
@@ -151,7 +151,7 @@ def relative_tolerance_property(**others: Any) -> Any:
 
 
 class ToleranceProperties:
-    """Settings of everything that is computed, beside the tolerance itself."""
+    """Settings of all computations, beside the tolerance itself."""
 
     tolerance_mode: EnumProperty(
         name="Tolerance Mode", description="How the tolerance is given", items=TOLERANCE_MODES, default="RELATIVE"

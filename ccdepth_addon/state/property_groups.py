@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Registering what is kept on scenes, meshes, objects and viewports, on each as ``ccdepth``."""
+"""The registration of our data on scenes, meshes, objects and viewports, on each as ``ccdepth``."""
 
 import bpy
 from bpy.props import PointerProperty
@@ -11,7 +11,7 @@ from .viewports import ViewportMemory
 
 HOLDERS = {"Scene": SceneSettings, "Mesh": MeshRecord, "Object": ResultRecord, "View3DShading": ViewportMemory}
 
-# Those that others hold come first.
+# Groups held by other groups come first.
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     (DepthRow, Contributor, Measurement, AppliedModifier, SourceMaterial, *HOLDERS.values())
 )

@@ -22,9 +22,9 @@ class DepthRow(bpy.types.PropertyGroup):
 
 
 class Contributor(bpy.types.PropertyGroup):
-    """One object the depths were computed for: its scale as AᵀA (upper triangle), and a checksum of the rest.
+    """An object of the computation of depths: its scale as AᵀA (upper triangle), and a checksum of the rest.
 
-    Of depths over frames, on one of these, or on the one that was current when it was computed.
+    Over frames, on one of these frames, or on the current frame of the computation.
     """
 
     gram: FloatVectorProperty(size=6)
@@ -33,7 +33,7 @@ class Contributor(bpy.types.PropertyGroup):
 
 
 class Inputs:
-    """What was computed with, and when."""
+    """The inputs of a computation, and its time."""
 
     tolerance: FloatProperty(description="The tolerance as it was given")
     tolerance_mode: StringProperty()

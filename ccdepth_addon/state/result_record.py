@@ -18,7 +18,7 @@ from ..exchange.modifiers import applied_modifiers, base_modifiers
 from ..tasks.surfaces import shortest_decimal
 from . import properties
 
-# Settings that do not matter where triangles are merged.
+# Settings without effect when triangles are merged.
 WITHOUT_REDUCE = set(properties.setting_names(properties.DivisionProperties))
 
 
@@ -88,7 +88,7 @@ def results_of(source: bpy.types.Object) -> list[bpy.types.Object]:
 
 
 def left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The hidden results in the view layer whose sources were deleted: neither of the two is seen."""
+    """The hidden results in the view layer whose sources were deleted: neither result nor source is visible."""
     hidden = [each for each in context.view_layer.objects if is_result(each) and not each.visible_get()]
     return [each for each in hidden if (source := source_of(each)) is None or not source.users_scene]
 

@@ -17,13 +17,13 @@ from ..exchange.face_values import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeK
 from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_mesh
 from . import mesh_values
 
-# How far, relatively, an object's scale may drift by rounding while it is turned.
+# The largest relative drift of an object's scale by rounding while the object is turned.
 SCALE_DRIFT = 1e-5
 
 # Scales nearer to each other than this part of the drift are recorded once.
 CELL_SIZE = 0.1
 
-# How far, in parts of the largest number, a placement may drift by rounding while both objects are moved together.
+# The largest drift of a placement by rounding while both objects are moved together, in parts of the largest number.
 DRIFT = 2e-6
 
 
@@ -38,10 +38,10 @@ class Examination(NamedTuple):
 def remember_depths(
     mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[ObjectState]
 ) -> None:
-    """Write to the mesh's record what the depths just written to it depend on.
+    """Write the inputs of new depths to the mesh's record.
 
-    geometry: the checksum of the mesh it was computed from. depths: (F,) int32, those written. states: of the objects
-    it was computed for, as they were read, on each frame.
+    geometry: the checksum of the computed mesh. depths: (F,) int32, as written. states: of the objects of the
+    computation, when read, on each frame.
     """
     record = mesh.ccdepth
     record.fingerprint = f"{continued(geometry, DEPTH, depths):08x}"
@@ -54,7 +54,7 @@ def remember_depths(
 
 
 def _cell(scale: FloatArray) -> tuple[float, ...]:
-    """The same for scales (6,) that differ by rounding alone, mostly."""
+    """A key for scales (6,), mostly equal for scales that differ by rounding alone."""
     exponent = int(np.frexp(np.abs(scale).max())[1])
     return exponent, *np.rint(np.ldexp(scale, -exponent) / (SCALE_DRIFT * CELL_SIZE)).tolist()
 
@@ -69,11 +69,11 @@ def mesh_checksum(blender_object: bpy.types.Object, kind: AttributeKind = DEPTH_
 
 
 def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: KnownDescriptions) -> Examination:
-    """Compare the mesh's record with the mesh and all the objects that use it, as they are now.
+    """Compare the mesh's record with the present mesh and all the objects that use it.
 
-    Depths over frames are compared with what the objects were like on the scene's frame. On a frame for which that is
-    not known, the mesh alone is compared.
-    known: what was described of other objects at the same time, to be read once only.
+    Depths over frames are compared by the states of the objects on the scene's frame; on a frame without known states,
+    the mesh alone is compared. known: descriptions of other objects made at the same time, so that nothing is read
+    twice.
     """
     record = mesh.ccdepth
     contributors = list(_contributors(record))
@@ -119,9 +119,9 @@ def _are_among(states: Sequence[tuple[str, FloatArray]], others: Sequence[tuple[
 
 
 def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -> None:
-    """Write to the records of the object and of its mesh what the measurement just written to it depends on.
+    """Write the inputs of a new measurement to the records of the object and of its mesh.
 
-    target: the object against whose limit surface it is.
+    target: the object of the limit surface.
     """
     found = measured.data.ccdepth.measurement
     measured.ccdepth.measured_against = None if target == measured else target
@@ -130,20 +130,20 @@ def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -
 
 
 def measured_object(holder: bpy.types.Object) -> bpy.types.Object:
-    """The measured one among the objects that use the holder's mesh: by its name, or the holder itself where that was
-    renamed."""
+    """The measured object among the objects that use the holder's mesh: by its name, or the holder itself if the object
+    was renamed."""
     named = bpy.data.objects.get(holder.data.ccdepth.measurement.measured)
     return holder if named is None or named.data != holder.data else named
 
 
 def is_own(mesh: bpy.types.Mesh) -> bool:
-    """Whether the object that was measured is the one whose limit surface it was measured against."""
+    """Whether the object was measured against its own limit surface."""
     found = mesh.ccdepth.measurement
     return bool(found.measured == found.against)
 
 
 def target_of(measured: bpy.types.Object) -> bpy.types.Object | None:
-    """The object against whose limit surface one was measured; None where it is gone."""
+    """The object of the limit surface for a measured object; None if it is gone."""
     if is_own(measured.data):
         return measured
     # Objects that were measured by earlier versions know its name alone.
@@ -167,8 +167,8 @@ def measured_to_show(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def change_since_measured(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> str:
-    """The change since the measurement on the mesh; empty where the measurement holds for the measured object. A
-    measured object that was renamed is any user of the mesh."""
+    """The change since the measurement on the mesh; empty where the measurement holds for the measured object. If the
+    measured object was renamed, any user of the mesh stands for it."""
     named = [each for each in users if each.name == mesh.ccdepth.measurement.measured]
     changes = [_change_for(each) for each in named or users]
     # The empty one comes first.

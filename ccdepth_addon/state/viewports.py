@@ -11,7 +11,7 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, StringProperty
 
-# What earlier versions switched viewports to.
+# The settings to which earlier versions switched viewports.
 SWITCHED = {
     "shading.color_type": "VERTEX",
     "shading.light": "FLAT",

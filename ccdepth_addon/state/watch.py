@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One set of handlers and one timer for everything that is kept while a session lasts.
+"""One set of handlers and one timer for all data kept during a session.
 
 Nothing is computed while Blender evaluates or draws. Handlers tell the clients about updated and replaced objects;
 clients note these objects, and examine them once nothing has happened for a while.

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects → answers: what is computed once for several objects, and how answers are merged."""
+"""Objects → answers: computations for several objects at once, and merged answers."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tasks → adaptive meshes as arrays, how many faces they have, and the tolerance with which these are not too many.
-Nothing here needs Blender: it may run in a thread."""
+"""Tasks → adaptive meshes as arrays, their numbers of faces, and the tolerance for a number of faces. Nothing here
+needs Blender: it may run in a thread."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from ..core import Progress, TooManyFacesError, count_faces, no_report, subdivid
 from .adaptive_task import AdaptiveAnswer, AdaptiveSettings, AdaptiveTask
 from .surfaces import ComputeError
 
-# A tolerance is good enough with this part of the faces, or within this factor of one that makes too many.
+# A tolerance is good enough with this part of the faces, or within this factor of a tolerance that makes too many.
 ENOUGH_FACES, NEAR_ENOUGH = 0.97, 1.02
 
-# Each step begins where faces are about as many as the tolerance is finer, and goes no farther than this.
+# Each step takes the number of faces for inversely proportional to the tolerance, and divides the tolerance by this
+# factor at most.
 LARGEST_STEP = 16.0
 
-# With so few faces a mesh tells how many a finer one has.
+# The number of faces from which a mesh predicts the number of a finer mesh.
 FEWEST_TO_EXTRAPOLATE = 200
 
 MOST_COUNTS = 24
 
-# With a tolerance of so many diagonals nothing is split that need not be.
+# A tolerance, in diagonals, with which nothing is split unnecessarily.
 WITHOUT_SPLITS = 100.0
 
 # Digits of a tolerance that was found.
@@ -40,14 +41,14 @@ class FaceCount:
 
 @dataclass(frozen=True)
 class Fit:
-    """A tolerance, as it is typed, and how many faces each result has with it."""
+    """A tolerance as typed, and the number of faces of each result with this tolerance."""
 
     tolerance: float
     counts: list[int]
 
 
 class TooManyError(ComputeError):
-    """The results of these tasks would have too many faces together."""
+    """The error of tasks whose results would have too many faces together."""
 
     def __init__(self, tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> None:
         super().__init__(too_many_text(tasks, count, settings))
@@ -59,8 +60,8 @@ def subdivide(
 ) -> list[AdaptiveAnswer]:
     """Make every mesh, as arrays.
 
-    progress: is told about how many faces there are so far, and may raise to stop. Raises ComputeError when they become
-    too many.
+    progress: receives the approximate number of faces so far, and may raise to stop. Raises ComputeError for too many
+    faces.
     """
     answers: list[AdaptiveAnswer] = []
     made = 0
@@ -97,24 +98,24 @@ def count_results(
 
 
 def _after(faces: int, progress: Progress) -> Progress:
-    """The progress of a mesh made after so many faces."""
+    """The progress of a mesh made after a number of faces."""
     return lambda so_far: progress(faces + so_far)
 
 
 def _unit(task: AdaptiveTask, settings: AdaptiveSettings) -> float:
-    """The length in the scene of a tolerance of 1, as it is typed, for a task."""
+    """The length in the scene of a typed tolerance of 1, for a task."""
     return task.surface.tolerance / settings.tolerance
 
 
 def best_tolerance(
     tasks: list[AdaptiveTask], settings: AdaptiveSettings, most_faces: int, progress: Progress = no_report
 ) -> Fit | None:
-    """The best tolerance, to three digits, with which the results together have at most so many faces; None without
+    """The best tolerance, to three digits, with which the results together have at most a number of faces; None without
     any.
 
-    It is tried out, so it fits: finer and finer ones are counted from that of the settings on, until one has too many
-    faces, and then those between. Counting takes as long as there are faces, and ends where there are too many.
-    progress: is told the number of faces, and may raise to stop.
+    The tolerance is tried out, so it fits: finer and finer tolerances are counted, from the settings' tolerance on,
+    until one has too many faces, and then tolerances between. The time of counting grows with the number of faces, and
+    counting ends with too many faces. progress: receives the number of faces, and may raise to stop.
     """
 
     def fit(tolerance: float) -> Fit | None:
@@ -139,14 +140,14 @@ def best_tolerance(
 
 
 def _never_fit(tasks: list[AdaptiveTask], most_faces: int) -> bool:
-    """Whether there are too many faces with any tolerance: each face of a control mesh makes at least one."""
+    """Whether any tolerance makes too many faces: each face of a control mesh makes at least one."""
     return sum(task.control.face_count for task in tasks) > most_faces
 
 
 def _next_guess(best: Fit, too_fine: float, most_faces: int) -> float:
     """The next tolerance to try between one that fits and one, or 0, that is too fine."""
     faces = sum(best.counts)
-    # Where most is flat, there are as many more faces as the tolerance is finer.
+    # On mostly flat meshes the number of faces is inversely proportional to the tolerance.
     finer = min(most_faces / max(faces, 1), LARGEST_STEP) if faces >= FEWEST_TO_EXTRAPOLATE else LARGEST_STEP
     guess = best.tolerance / finer
     if guess <= too_fine * NEAR_ENOUGH:
@@ -157,7 +158,7 @@ def _next_guess(best: Fit, too_fine: float, most_faces: int) -> float:
 def _counts_with(
     tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int, progress: Progress
 ) -> list[int] | None:
-    """The number of faces of each result with another tolerance, as it is typed; None when they are too many."""
+    """The number of faces of each result with another typed tolerance; None for too many faces."""
     counts: list[int] = []
     for task in tasks:
         request = task.request(settings, tolerance * _unit(task, settings), most_faces - sum(counts))
@@ -171,7 +172,7 @@ def _counts_with(
 
 
 def with_digits(number: float, digits: int) -> float:
-    """The least decimal with so many digits that is not smaller."""
+    """The least decimal with a number of digits that is not smaller."""
     exact = Decimal(str(number))
     return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1), rounding=ROUND_CEILING))
 

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects → the adaptive meshes to make: which are made once for several objects, and their tolerances with all
-rounding.
+"""Objects → the adaptive meshes to make, and their tolerances with all rounding.
 
-Objects that use one mesh get one result together, made for the one that no other dominates by its scale and tolerance.
+Objects that use one mesh get one result together, made for the object that no other dominates by scale and tolerance.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from .surfaces import (
     surfaces_covering_others,
 )
 
-# Rounding to single precision changes a number by this part of it at most.
+# The largest relative change of a number by rounding to single precision.
 SINGLE_ROUNDING = 2.0**-24
 
 
@@ -53,8 +52,9 @@ class AdaptiveSettings(SurfaceSettings):
 
 
 class Target(NamedTuple):
-    """The object that gets a result. user: the name of its object. source: that of the object it is made from, with its
-    library; the same object, unless results are made anew. tolerance: where it holds, a length in the scene."""
+    """The object that gets a result. user: its name. source: the name of the object to make the result from, with its
+    library; the same object, unless results are made anew. tolerance: in the place of its user, a length in the
+    scene."""
 
     user: str
     source: tuple[str, str | None]
@@ -63,11 +63,11 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True)
 class AdaptiveTask:
-    """An adaptive mesh to make. It keeps no reference to Blender's data, which may move while it runs.
+    """An adaptive mesh to make, without references to Blender's data, which may move during a run.
 
-    targets: who gets it, the one it is made for first. mesh_uid: of the mesh of their sources. dependencies: what else
-    of the objects the result depends on. surface: the one it is made for. allowance: what rounding may add to distances
-    there, a length in the scene.
+    targets: the objects that get it, first the object it is made for. mesh_uid: of the mesh of their sources.
+    dependencies: further data of the objects that the result depends on. surface: of the first target. allowance: the
+    rounding of distances there, a length in the scene.
     """
 
     targets: list[Target]
@@ -83,12 +83,12 @@ class AdaptiveTask:
 
     @property
     def control(self) -> ControlMesh:
-        """The control mesh where it is proved."""
+        """The control mesh of the proof."""
         return self.surface.control.thickened()
 
     @property
     def least_tolerance(self) -> float:
-        """The least tolerance that is taken, a length in the scene."""
+        """The least tolerance accepted, a length in the scene."""
         return max(smallest_step(self.surface.control.in_world), 2 * self.allowance)
 
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
@@ -129,9 +129,9 @@ def prepare_adaptive(
 ) -> Generator[str, None, list[AdaptiveTask]]:
     """Read the objects, in Object Mode, and decide what to make.
 
-    users: the object that gets the result of each, where it is not the object itself: an object may come several times
-    then, and the tolerance holds where its user is. Yields the stage, and returns the tasks. Raises ComputeError,
-    naming every object at fault.
+    users: for each object the object that gets its result, if another: an object may then come several times, and the
+    tolerance holds in the place of its user. Yields the stage, and returns the tasks. Raises ComputeError, naming every
+    object at fault.
     """
     refuse_bad_tolerance(settings.tolerance)
     users_of: dict[bpy.types.Object, list[bpy.types.Object]] = {}
@@ -155,7 +155,7 @@ def prepare_adaptive(
 
 
 def _united(tasks: list[AdaptiveTask]) -> list[AdaptiveTask]:
-    """The tasks that no other dominates, each with the objects of those it dominates."""
+    """The tasks that no other dominates, each with the objects of its dominated tasks."""
     alike: dict[Any, list[AdaptiveTask]] = {}
     for task in tasks:
         alike.setdefault((task.mesh_uid, task.dependencies, task.surface.control.key), []).append(task)
@@ -192,8 +192,8 @@ def _task(
     largest: FloatArray,
     steps: float,
 ) -> AdaptiveTask:
-    """The task of an object for one that gets the result. largest: (3,) the largest coordinates; steps: how many times
-    each is rounded."""
+    """The task of an object for an object that gets the result. largest: (3,) the largest coordinates; steps: the
+    number of roundings of each."""
     if user != blender_object:
         control = replace(control, world=np.array(user.matrix_world, dtype=np.float64)[:3, :3])
     surface = surface_of(user.name, control, settings)
@@ -222,7 +222,7 @@ def _task(
 
 def _largest_coordinates(control: ControlMesh, keys: bpy.types.Key | None) -> FloatArray:
     """(3,): the largest absolute coordinate along each axis of what the result stores; no point of the surface leaves
-    the box of its control points. Raises ControlMeshError where a shape key has none."""
+    the box of its control points. Raises ControlMeshError for a shape key without such a coordinate."""
     largest = [largest_coordinates(control.mesh)]
     for key in () if keys is None else keys.key_blocks:
         largest.append(np.abs(read_values(key.points, "co", np.float32, 3)).max(axis=0, initial=0.0))
@@ -234,9 +234,9 @@ def _largest_coordinates(control: ControlMesh, keys: bpy.types.Key | None) -> Fl
 def _mixing_steps(keys: bpy.types.Key | None) -> float:
     """The largest number of roundings of the largest coordinate on the way from exact positions to the shown ones.
 
-    Once, where they are stored. With shape keys, Blender adds v(k − r) to the mix for each key k, its value v and what
-    it is relative to, r: it rounds k, r, their difference twice as large, and the product, all times |v|, and then the
-    sum, which is at most 1 + 2Σ|v| as large; on the control mesh, and on the result.
+    Storing rounds once. With shape keys, Blender adds v(k − r) to the mix for each key k, its value v and what it is
+    relative to, r: it rounds k, r, their difference twice as large, and the product, all times |v|, and then the sum,
+    which is at most 1 + 2Σ|v| as large; on the control mesh, and on the result.
     """
     if keys is None:
         return 1.0

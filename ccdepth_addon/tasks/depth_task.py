@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects → depths of their meshes: what is computed once per mesh, and how several answers are merged.
+"""Objects → depths of their meshes, computed once per mesh, with merged answers.
 
-A mesh used by several objects is measured at the scale of each that no other one dominates, and over frames as it is on
-each of them; every face takes the largest depth. Nothing here writes to a mesh.
+A mesh of several objects is measured at the scale of each object that no other dominates, and over frames as on each
+frame; every face takes the largest depth. Nothing here writes to a mesh.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from .frames import frame_restored, typed_frames
 from .pose_groups import DepthRequest, PoseGroup, pose_groups
 from .surfaces import Faults, SurfaceSettings, refuse_bad_tolerance, surface_of
 
-# Parts of the time: for depths, and for the level that holds for all faces; what is left is for the worst frame.
-# Measured: depths take 40 s and the rest 12 s on 90,000 faces with creases at random.
+# Parts of the time: for depths, and for the level that holds for all faces; the rest is for the worst frame. Measured:
+# depths take 40 s and the rest 12 s on 90,000 faces with creases at random.
 DEPTHS_SHARE, LEVEL_SHARE = 0.8, 0.14
 
 Part = TypeVar("Part", "MeshTask", PoseGroup)
@@ -46,8 +46,8 @@ Part = TypeVar("Part", "MeshTask", PoseGroup)
 
 @dataclass(frozen=True)
 class DepthSettings(SurfaceSettings):
-    """The settings of Compute Depth. vertices: CONTROL, LIMIT or OF_OBJECT. frames: as they are typed; empty for the
-    scene as it is."""
+    """The settings of Compute Depth. vertices: CONTROL, LIMIT or OF_OBJECT. frames: as typed; empty for the present
+    scene."""
 
     method: str
     vertices: str
@@ -55,16 +55,16 @@ class DepthSettings(SurfaceSettings):
 
     @property
     def follows_objects(self) -> bool:
-        """Whether each object's own modifier says where the vertices are."""
+        """Whether each object's own modifier decides its vertices."""
         return self.vertices == OF_OBJECT
 
 
 @dataclass(frozen=True)
 class MeshTask:
-    """The computation for one mesh. It keeps no reference to Blender's data, which may move while it runs.
+    """The computation for one mesh, without references to Blender's data, which may move during a run.
 
-    geometry: the checksum of the mesh, and states: what its objects were like, as they were read. read: the surfaces of
-    the objects, on each frame; groups: those that no other dominates, once it is decided.
+    geometry: the checksum of the mesh; states: of its objects, when read. read: the surfaces of the objects, on each
+    frame; groups: once decided, the surfaces that no other dominates.
     """
 
     mesh_uid: int
@@ -86,7 +86,7 @@ class MeshTask:
         return sum(group.work for group in self.groups)
 
     def largest(self, found: Iterable[PoseDepths]) -> NDArray[np.int32]:
-        """(faces of the mesh,): the largest depth of what comes from each, of those found for each group."""
+        """(faces of the mesh,): the largest depth of the control faces from each face, over all groups."""
         depths = np.zeros(self.face_count, dtype=np.int32)
         for group, each in zip(self.groups, found, strict=True):
             faces, known = group.origins
@@ -97,7 +97,7 @@ class MeshTask:
 @dataclass(frozen=True)
 class DepthWork:
     """The data read, and the settings to compute with. tasks: by the session identifiers of the meshes. faults: the
-    objects at fault so far. arrays: those of control meshes over frames."""
+    objects at fault so far. arrays: of control meshes over frames."""
 
     settings: DepthSettings
     faults: Faults
@@ -122,12 +122,12 @@ class MeshDepths:
 
     depths: (F,) int32; bounds: (F,) float64, lengths in the scene. exact: (F,) bool, whether the depth is proved to be
     the least. world_tolerance: the smallest tolerance of its objects, a length. uniform_level: the first level at which
-    all faces are within the tolerance; quality: what Use Limit Surface needs there, 0 for control vertices.
-    uniform_faces: how many faces the control mesh has when all of it is subdivided to that level, the largest one.
-    added_faces: how many faces the modifiers add that come from no face of the mesh, and added_deepest, the deepest
-    depth among them. removed_faces: how many of the mesh's faces the modifiers take away, on all frames; their depth
-    and bound are 0. worst_frame: the one with the deepest depth, or where several have it, in which such a face is the
-    farthest off; None without frames.
+    all faces are within the tolerance; quality: the Quality for Use Limit Surface there, 0 for control vertices.
+    uniform_faces: the number of faces of the control mesh, the largest one, subdivided to that level. added_faces: the
+    number of faces that modifiers add without an origin in the mesh; added_deepest: the deepest depth among them.
+    removed_faces: the number of the mesh's faces that modifiers remove, on all frames; their depth and bound are 0.
+    worst_frame: the frame with the deepest depth, or among several such frames the one with the farthest such face;
+    None without frames.
     """
 
     task: MeshTask
@@ -149,7 +149,7 @@ class MeshDepths:
 
     @property
     def vertices(self) -> str:
-        """CONTROL or LIMIT; OF_OBJECT where objects, or frames, have both."""
+        """CONTROL or LIMIT; OF_OBJECT if objects, or frames, have both."""
         kinds = {each.vertices for each in self.task.read}
         return OF_OBJECT if len(kinds) > 1 else kinds.pop()
 
@@ -170,7 +170,7 @@ def prepare_depths(
             scene.frame_set(frame)
             yield from _read_objects(context, objects, work, frame)
     if scene.frame_current not in frames:
-        # On this frame changes can be told, too.
+        # On this frame changes can be noticed, too.
         known: KnownDescriptions = {}
         for each in objects:
             if each.data.session_uid in work.tasks:
@@ -182,7 +182,7 @@ def prepare_depths(
 def _read_objects(
     context: bpy.types.Context, objects: Sequence[bpy.types.Object], work: DepthWork, frame: int | None
 ) -> Generator[str, None, None]:
-    """Read the objects as they are now, on a frame or without any."""
+    """Read the present objects, on a frame or without frames."""
     settings, use_modifiers = work.settings, work.settings.use_modifiers
     shared: SharedMeshes = {}
     read = 0
@@ -214,7 +214,7 @@ def _read_objects(
 def _state(
     blender_object: bpy.types.Object, settings: DepthSettings, known: KnownDescriptions, frame: int | None
 ) -> ObjectState:
-    """The state of an object on a frame, as far as its depths by these settings depend on it."""
+    """The part of an object's state on a frame on which its depths by these settings depend."""
     state = object_state(
         blender_object, use_modifiers=settings.use_modifiers, with_vertices=settings.follows_objects, known=known
     )
@@ -241,15 +241,15 @@ def _task_of(blender_object: bpy.types.Object, tasks: dict[int, MeshTask]) -> Me
 def compute_depths(work: DepthWork, progress: Progress = no_report) -> list[MeshDepths]:
     """Measure every surface, without Blender: it may run in a thread.
 
-    progress: is told the fraction done, which only rises, and may raise to stop. Raises ComputeError, naming every
-    object at fault.
+    progress: receives the rising fraction done, and may raise to stop. Raises ComputeError, naming every object at
+    fault.
     """
     work.decide()
     return [_measured(task, part) for task, part in _with_parts(list(work.tasks.values()), progress)]
 
 
 def _with_parts(tasks: Sequence[Part], progress: Progress, share: float = 1.0) -> Iterator[tuple[Part, Progress]]:
-    """Tasks or groups, each with its part of the progress. share: how much of the time all of them take, from the
+    """Tasks or groups, each with its part of the progress. share: the part of the time that all of them take, from the
     beginning on."""
     total, begun = sum(each.work for each in tasks), 0.0
     for each in tasks:
@@ -263,7 +263,7 @@ def _measured(task: MeshTask, progress: Progress) -> MeshDepths:
     groups = task.groups
     own = [pose_depths(*group.poses, part) for group, part in _with_parts(groups, progress, DEPTHS_SHARE)]
     found, before, depths = own, None, task.largest(own)
-    # All faces at the largest depth of the face they come from, raised where that is not enough.
+    # All faces at the largest depth of their base face, raised where that is not enough.
     while before is None or np.any(depths > before):
         raised = zip(groups, found, strict=True)
         found = [group.raised(each, depths, lambda _: progress(DEPTHS_SHARE)) for group, each in raised]

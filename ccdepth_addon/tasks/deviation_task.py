@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects → deviations, both ways, between what they show and a limit surface.
+"""Objects → deviations, both ways, between their shown meshes and a limit surface.
 
-One object is measured against the limit surface of its own control mesh; of several, each against that of the active
-one. Nothing here writes to a mesh.
+One object is measured against its own limit surface; several objects each against the limit surface of the active
+object. Nothing here writes to a mesh.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
 from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
 
-# What rounding can take from a tolerance less a rounding, as a part of it.
+# The relative rounding of a tolerance less its rounding.
 ROUNDED = 1e-15
 
 
@@ -36,7 +36,7 @@ class MeasureSettings(SurfaceSettings):
 
 @dataclass(frozen=True)
 class Measured:
-    """An object to measure. It keeps no reference to Blender's data, which may move while it runs."""
+    """An object to measure, without references to Blender's data, which may move during a run."""
 
     object_name: str
     mesh_uid: int
@@ -46,8 +46,8 @@ class Measured:
 
 @dataclass(frozen=True)
 class MeasureTask:
-    """surface: the limit surface to measure against. location: (3,), where its object is. own: whether the one object
-    measured is the one whose surface it is."""
+    """A measurement. surface: the limit surface to measure against. location: (3,), of its object. own: whether the
+    only measured object is the object of the surface."""
 
     surface: Surface
     location: FloatArray
@@ -74,10 +74,10 @@ def verdict_of(proved: float, reached: float, tolerance: float) -> Verdict:
 class MeshDeviation:
     """The answer for one mesh; distances are lengths in the scene.
 
-    object_names: the measured objects that use it, the worst first. against: the object whose limit surface it is.
-    tolerance: as a length. deviations: (F,) float64, proved for each face of the mesh; 0 where the object shows nothing
-    of it. proved: of everything, the surface itself and faces that modifiers add too. reached: a distance that is
-    really there. out_of_time: whether the time limit ended it. worst_face: where the reached distance is, or
+    object_names: the measured objects of the mesh, the worst first. against: the object of the limit surface.
+    tolerance: as a length. deviations: (F,) float64, proved for each face of the mesh; 0 for a face without shown
+    parts. proved: for the whole, with the surface itself and faces added by modifiers. reached: a distance really
+    there. out_of_time: whether the time limit ended the measurement. worst_face: the face of the reached distance, or
     ``NO_ORIGIN``. worst_point: (3,), in the scene.
     """
 
@@ -108,7 +108,7 @@ def prepare_measurement(
     target: bpy.types.Object,
     settings: MeasureSettings,
 ) -> MeasureTask:
-    """Read what the objects show, and the control mesh of the target.
+    """Read the shown meshes of the objects, and the control mesh of the target.
 
     Raises ComputeError, naming every object at fault.
     """
@@ -132,7 +132,8 @@ def prepare_measurement(
 def prepare_targets(
     context: bpy.types.Context, targets: list[bpy.types.Object], settings: MeasureSettings
 ) -> list[MeasureTask]:
-    """Read the control meshes of objects to whose limit surfaces others will be measured: of each a task without any.
+    """Read the control meshes of objects for measurements against their limit surfaces: for each a task without
+    measured objects.
 
     Raises ComputeError, naming every object at fault.
     """
@@ -175,9 +176,8 @@ def measure(
 ) -> list[MeshDeviation]:
     """Measure every object of the task, without Blender: it may run in a thread.
 
-    progress: called with the fraction done; what it raises ends the work. is_tolerance_enough: whether distances within
-    the tolerance need not be known any better, which takes far less time; it is decided whether they are. Raises
-    InvalidMeshError and MemoryError.
+    progress: receives the fraction done, and may raise to stop. is_tolerance_enough: whether the verdict about the
+    tolerance is enough, which takes far less time than near distances. Raises InvalidMeshError and MemoryError.
     """
     until = perf_counter() + settings.time_limit
     answers: dict[int, MeshDeviation] = {}
@@ -204,7 +204,7 @@ def _measure_one(
 ) -> MeshDeviation:
     shown, control = measured.shown, task.surface.control
     rounding = shown.rounding_from(task.location)
-    # With the rounding it is still within the tolerance.
+    # With the rounding the distance is still within the tolerance.
     limit = max(0.0, (1 - ROUNDED) * task.surface.tolerance - rounding)
     found = measure_deviation(
         control.in_world,
@@ -237,7 +237,7 @@ def _measure_one(
 
 
 def _largest_of_faces(count: int, sources: list[tuple[IndexArray, FloatArray]], rounding: float) -> FloatArray:
-    """(count,): the largest bound of what comes from each face, with the rounding; 0 where nothing does."""
+    """(count,): the largest bound of the parts from each face, with the rounding; 0 for a face without parts."""
     largest = np.zeros(count)
     for faces, bounds in sources:
         known = faces != NO_ORIGIN

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Frames: as they are typed, and gone through with the scene's own frame restored afterwards."""
+"""Frames: parsed as typed, and visited one by one, with the scene's own frame restored afterwards."""
 
 from __future__ import annotations
 

@@ -18,10 +18,10 @@ from .surfaces import Surface, surfaces_covering_others
 
 @dataclass(frozen=True)
 class DepthRequest:
-    """A surface whose depths are wanted, with vertices CONTROL or LIMIT. frame: where it was read; None without frames.
+    """A surface with wanted depths, and vertices CONTROL or LIMIT. frame: the frame of reading; None without frames.
 
-    stretch: how many times as long as its own the longest tolerance of the surfaces is that it dominates: their
-    distances may be so much longer.
+    stretch: the ratio of the longest tolerance among the dominated surfaces to its own; their distances may be longer
+    by this factor.
     """
 
     surface: Surface
@@ -38,14 +38,14 @@ class DepthRequest:
 
 @dataclass(frozen=True)
 class PoseGroup:
-    """Requests whose control meshes have the same faces, which come from the same faces of the mesh: poses of one."""
+    """Requests for poses of one control mesh: with the same faces, from the same faces of the mesh."""
 
     requests: list[DepthRequest]
     method: str
 
     @property
     def control(self) -> ControlMesh:
-        """The first one."""
+        """The first control mesh."""
         return self.requests[0].surface.control
 
     @property
@@ -55,7 +55,7 @@ class PoseGroup:
 
     @cached_property
     def origins(self) -> tuple[IndexArray, BoolArray]:
-        """The faces of the mesh that those of the control mesh come from, and (F,) bool which come from one."""
+        """The origins of the control mesh's faces in the mesh, and (F,) bool, whether each face has one."""
         faces = self.control.base_faces
         if faces is None:
             return np.arange(self.control.face_count), np.ones(self.control.face_count, dtype=bool)
@@ -69,11 +69,12 @@ class PoseGroup:
         return poses, self.method, self.requests[0].vertices
 
     def _maker(self, control: ControlMesh) -> Callable[[], PolygonMesh]:
-        # Turned in the same way, poses that are alike have the same bounds.
+        # Turned in the same way, like poses have the same bounds.
         return lambda: (control if len(self.requests) == 1 else control.unturned()).in_world
 
     def raised(self, found: PoseDepths, depths: NDArray[np.int32], progress: Progress) -> PoseDepths:
-        """The findings for no lesser depths than those of the faces of the mesh: (faces of the mesh,) int32."""
+        """The findings with depths raised to at least the depths of the faces of the mesh: (faces of the mesh,)
+        int32."""
         faces, known = self.origins
         floors = found.depths.copy()
         floors[known] = depths[faces]
@@ -81,8 +82,8 @@ class PoseGroup:
 
 
 def pose_groups(requests: list[DepthRequest], method: str) -> Iterator[PoseGroup]:
-    """The requests of one mesh in groups whose control meshes are poses of one, with the same kind of vertices, in the
-    order of their frames."""
+    """The requests of one mesh in groups, each for poses of one control mesh with the same kind of vertices, in the
+    order of frames."""
     for group in _grouped(_kept(requests), lambda request: (request.vertices, id(request.surface.control.topology))):
         yield PoseGroup(sorted(group, key=lambda request: request.frame or 0), method)
 

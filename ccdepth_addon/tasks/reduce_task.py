@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An adaptive answer → the finer one that its reduction begins with, and what is proved of the reduced mesh."""
+"""An adaptive answer → the finer answer to begin its reduction with, and the proved distances of the reduced mesh."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from ..core import (
 )
 from .adaptive_task import AdaptiveAnswer, AdaptiveSettings
 
-# Into what parts the tolerance is divided for the mesh to reduce: the first that does not make too many faces.
+# The divisors of the tolerance for the mesh to reduce; the first that does not make too many faces counts.
 DIVISORS = (12.0, 6.0, 2.0)
 
 
 def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: Progress = no_report) -> AdaptiveAnswer:
-    """The mesh to reduce: within a part of the tolerance, or where that would be too many faces, the answer itself.
+    """The mesh to reduce: within a part of the tolerance, or if that makes too many faces, the answer itself.
 
-    It may run in a thread. progress: is told about how many faces there are so far, and may raise to stop.
+    May run in a thread. progress: receives the approximate number of faces so far, and may raise to stop.
     """
     task = answer.task
     control = task.control
@@ -59,6 +59,6 @@ def triangle_count(answer: AdaptiveAnswer) -> int:
 
 
 def reduction_of(answer: AdaptiveAnswer, start: TriangleMesh, progress: Progress) -> Reduction:
-    """The search for the fewest triangles within the tolerance of the answer. It may run in a thread."""
+    """The search for the fewest triangles within the tolerance of the answer. May run in a thread."""
     task = answer.task
     return Reduction(task.control.in_world, start, task.surface.tolerance - task.allowance, progress)

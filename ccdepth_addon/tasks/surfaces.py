@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces in the scene: control meshes with their objects' matrices and tolerances, and what makes them unusable."""
+"""Surfaces in the scene: control meshes with their objects' matrices and tolerances, and the errors of unusable
+ones."""
 
 from __future__ import annotations
 
@@ -18,16 +19,16 @@ from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 # Relative slack for rounding when one object's scale is compared with another's.
 SCALE_ROUNDING = 1e-9
 
-# The largest number that Blender stores; it stores larger ones and infinity as this.
+# The largest number that Blender stores, also in place of larger numbers and infinity.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
 
 TOO_LARGE = "The tolerance is too large a number"
 
 
 class ComputeError(ValueError):
-    """A computation that is impossible; the message names every object at fault in a modeller's words.
+    """The error of an impossible computation; the message names every object at fault in a modeller's words.
 
-    faces_at_fault: the objects, by name, that have faces without which there is no fault, and how many these are.
+    faces_at_fault: by the names of objects, the number of faces whose removal would remove the fault.
     """
 
     def __init__(self, message: str, faces_at_fault: Mapping[str, int] | None = None) -> None:
@@ -37,7 +38,7 @@ class ComputeError(ValueError):
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """Settings of everything that is computed: ``tolerance`` is a length in the scene or a fraction of the diagonal, by
+    """The settings of all computations: ``tolerance`` is a length in the scene or a fraction of the diagonal, by
     ``tolerance_mode``."""
 
     tolerance: float
@@ -46,8 +47,8 @@ class SurfaceSettings:
 
     @classmethod
     def of(cls, holder: Any, tolerance: float, **others: Any) -> Self:
-        """The settings that an operator, a scene or a record holds, with this tolerance and others that are given; all
-        numbers as they are typed."""
+        """The settings of an operator, a scene or a record, with this tolerance and other given settings; all numbers
+        as typed."""
         names = [each.name for each in fields(cls) if each.name not in {"tolerance", *others}]
         return cls(shortest_decimal(tolerance), **typed_values(holder, names), **others)
 
@@ -65,13 +66,13 @@ class Surface:
         return gram_matrix(self.control.world) / self.tolerance**2
 
 
-# What can be wrong with an object, in words that its name goes before.
+# The errors of an object, in words to follow its name.
 OBJECT_FAULTS = (ControlMeshError, InvalidMeshError, ToleranceError, WriteError)
 
 
 @contextmanager
 def naming(object_name: str) -> Iterator[None]:
-    """Raise what is found to be wrong with the object as a ComputeError that names it."""
+    """Raise an error of the object as a ComputeError that names it."""
     try:
         yield
     except OBJECT_FAULTS as fault:
@@ -112,7 +113,7 @@ class Faults:
 
 
 def typed_values(holder: Any, names: Iterable[str]) -> dict[str, Any]:
-    """Properties of a holder by their names, all numbers as they are typed."""
+    """The properties of a holder by their names, all numbers as typed."""
     values = {name: getattr(holder, name) for name in names}
     return {name: shortest_decimal(value) if isinstance(value, float) else value for name, value in values.items()}
 
