@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The door Blender opens. It imports nothing until it is asked to, so that tools may import it without Blender."""
+"""The door Blender opens. Nothing is imported before registration, so that tools may import this file without
+Blender."""
 
 
 def register() -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """CC Depth: how many Catmull-Clark levels each face needs, with a proof.
 
-``core`` works without Blender, so nothing here imports Blender before it is asked to register.
+``core`` works without Blender, so nothing here imports Blender before registration.
 """
 
 import tomllib
@@ -11,7 +11,7 @@ from types import ModuleType
 
 MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 
-# In the order in which they depend on each other.
+# The modules in the order of their dependencies.
 MODULES = (
     "state.property_groups",
     "state.watch",
@@ -25,12 +25,12 @@ MODULES = (
     "command_line.command",
 )
 
-# Where there is a window to draw in.
+# The modules for a window.
 WINDOW_MODULES = ("ui.overlay", "ui.legend")
 
 
 def version() -> str:
-    """The version of the extension, which stands in its manifest alone."""
+    """The version of the extension, from its manifest alone."""
     return str(tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["version"])
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Registering handlers and timers with Blender, the same way everywhere."""
+"""The registration of handlers and timers with Blender, the same everywhere."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ import bpy
 # Seconds without a change before what has changed is examined.
 PATIENCE = 0.3
 
-# The name of a list in ``bpy.app.handlers``, and what is called from there.
+# The name of a list in ``bpy.app.handlers``, and the function to call from there.
 Handlers = tuple[tuple[str, Callable[..., Any]], ...]
 
 
 def add_handlers(handlers: Handlers) -> None:
-    """Have Blender call these functions."""
+    """Let Blender call functions."""
     for name, handler in handlers:
         getattr(bpy.app.handlers, name).append(handler)
 
 
 def remove_handlers(handlers: Handlers) -> None:
-    """Have Blender call them no more."""
+    """Let Blender no longer call functions."""
     for name, handler in handlers:
         getattr(bpy.app.handlers, name).remove(handler)
 
 
 def call_soon(function: Callable[[], None]) -> None:
-    """Have Blender call the function when it has not been asked to for a while."""
+    """Let Blender call the function once it has not been asked to for a while."""
     do_not_call(function)
     bpy.app.timers.register(function, first_interval=PATIENCE)
 
 
 def do_not_call(function: Callable[[], None]) -> None:
-    """Have Blender call the function no more, if it was going to."""
+    """Cancel a requested call of the function."""
     if bpy.app.timers.is_registered(function):
         bpy.app.timers.unregister(function)

@@ -23,7 +23,7 @@ from .mesh_files import scene_unit
 from .report import Distances, Frame, ObjectEntry, metres_rounded_up
 from .report_text import print_facts
 
-# The settings that what is done goes by, beside the tolerance.
+# The settings of each action, beside the tolerance.
 OF_DEPTHS = setting_names(properties.ToleranceProperties, properties.DepthProperties)
 SETTINGS = {
     DEPTHS: OF_DEPTHS,
@@ -35,24 +35,24 @@ SETTINGS = {
 }
 
 
-# What was done with objects: of each the entry so far, and the object that has the result.
+# The outcome for objects: the entry of each so far, and the object with the result.
 Outcomes = list[tuple[ObjectEntry, bpy.types.Object]]
 
 
 def settings_of(action: str) -> dict[str, Any]:
-    """The scene's settings for what is done, by their names."""
+    """The scene's settings for an action, by their names."""
     settings = bpy.context.scene.ccdepth
     return {"tolerance": scene_tolerance(settings), **typed_values(settings, SETTINGS[action])}
 
 
 def call_for(objects: Sequence[bpy.types.Object], operator: Any, **properties: Any) -> None:
-    """Call an operator with these objects selected."""
+    """Call an operator with chosen objects selected."""
     with bpy.context.temp_override(selected_objects=list(objects), active_object=objects[0]):
         call(operator, **properties)
 
 
 def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance: float) -> ObjectEntry:
-    """tolerance: in the unit of the scene."""
+    """The entry of an object. tolerance: in the unit of the scene."""
     length = shortest_decimal(tolerance) * scene_unit(bpy.context.scene)
     return ObjectEntry(blender_object.name, settings, length, len(blender_object.data.polygons))
 
@@ -119,7 +119,7 @@ def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> O
 
 
 def _measured_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
-    """Measure an object against its own limit surface."""
+    """The entry of an object measured against its own limit surface."""
     call_for([blender_object], bpy.ops.ccdepth.measure)
     record = blender_object.data.ccdepth
     unit = scene_unit(bpy.context.scene)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tolerances, units and numbers as they are typed."""
+"""Tolerances, units and numbers as typed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from math import inf, nan, nextafter
 
 from ..ui.lengths import IMPERIAL, METRIC
 
-# How many metres each unit is, by its symbol.
+# The length of each unit in metres, by its symbol.
 UNITS = {unit.name: float(unit.length) for unit in (*METRIC.values(), *IMPERIAL.values())}
 UNITS["um"] = UNITS["µm"]
 
@@ -29,8 +29,8 @@ _WITH_UNIT = re.compile(rf"(.*?)\s*({'|'.join(sorted(UNITS, key=len, reverse=Tru
 
 @dataclass(frozen=True)
 class TypedTolerance:
-    """text: as it was typed. value: the number, of percents a part of one. unit: in metres, of a tolerance that has
-    one. mode: ABSOLUTE or RELATIVE where the text says so."""
+    """A tolerance as typed. text: as typed. value: the number, for percents a fraction. unit: in metres, if the
+    tolerance has one. mode: ABSOLUTE or RELATIVE if the text says so."""
 
     text: str
     value: float
@@ -41,12 +41,12 @@ class TypedTolerance:
         return self.text
 
     def in_scene(self, metres_per_unit: float) -> float:
-        """The number for a scene whose unit is so long."""
+        """The number for a scene with a given length of the unit."""
         return self.value if self.unit is None else self.value * self.unit / metres_per_unit
 
 
 def typed_tolerance(text: str) -> TypedTolerance:
-    """0.1mm, 0.01in, 0.1% or a bare number. Raises ArgumentTypeError."""
+    """A tolerance from 0.1mm, 0.01in, 0.1% or a bare number. Raises ArgumentTypeError."""
     found = _WITH_UNIT.fullmatch(text.strip())
     number, unit = found.groups() if found else (text, None)
     try:
@@ -73,7 +73,7 @@ def face_limit(text: str) -> int:
 
 
 def face_budget(text: str) -> int:
-    """50k, 1.5M or 50000 faces. Raises ArgumentTypeError."""
+    """A number of faces from 50k, 1.5M or 50000. Raises ArgumentTypeError."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([km]?)", text.strip().lower())
     faces = round(float(found[1]) * MULTIPLES[found[2]]) if found else 0
     if not 1 <= faces <= LARGEST_FACE_COUNT:
@@ -82,14 +82,14 @@ def face_budget(text: str) -> int:
 
 
 def whole_number(text: str) -> int:
-    """A number of processes, for one. Raises ArgumentTypeError."""
+    """A whole number, such as a number of processes. Raises ArgumentTypeError."""
     if not text.isdecimal() or int(text) < 1:
         raise ArgumentTypeError(f"“{text}” is not a whole number of at least 1")
     return int(text)
 
 
 def number_from(kind: str, least: float) -> Callable[[str], float]:
-    """A reader of finite numbers of at least a least one, which calls them by a name where it refuses."""
+    """A reader of finite numbers of at least a least one; refusals call the number by a name."""
 
     def number(text: str) -> float:
         try:

@@ -18,21 +18,21 @@ from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
 
 DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
 
-# What makes meshes that other formats can hold.
+# The actions that make meshes for other formats.
 MAKING = {LEVELS, SUBDIVIDE}
 
-# What is done on several frames.
+# The actions on several frames.
 OVER_FRAMES = {DEPTHS, LEVELS}
 
 STANDARD_OUTPUT = "-"
 
-# In bytes, of what file systems take, and one for the number of earlier versions.
+# The longest name in bytes: one less than file systems allow, for the number of earlier versions.
 LONGEST_NAME = 254
 
-# What --gather goes with.
+# The options that --gather allows.
 GATHERING = {"gather", "json", "csv", "html", "pictures", "overwrite"}
 
-# Instead of a list of frames.
+# The word in place of a list of frames.
 SCENE_RANGE = "scene"
 
 DESCRIPTION = (
@@ -72,14 +72,14 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def _given(self, options: argparse.Namespace) -> set[str]:
-        """The given values, by the names that the options have here."""
+        """The given values, by the names of the options here."""
         values = {each.dest: (getattr(options, each.dest, each.default), each.default) for each in self._actions}
         return {name for name, (value, default) in values.items() if value not in (default, [])}
 
 
 def _without_separator(arguments: Sequence[str]) -> list[str]:
-    """The arguments without a --, after which there are files alone: argparse takes some of them for options when files
-    and options are mixed."""
+    """The arguments without a --. All arguments after a -- are files, but argparse takes some of them for options when
+    files and options are mixed."""
     if "--" not in arguments:
         return list(arguments)
     end = list(arguments).index("--")
@@ -231,26 +231,26 @@ def action_of(options: argparse.Namespace) -> str:
 
 
 def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
-    """The path that the results of a file go to."""
+    """The path for the results of a file."""
     if options.output_folder is None:
         return options.output
     suffix = options.format or BLEND
     stem = os.fsencode("Suzanne" if source is None else source.stem)
     most = LONGEST_NAME - len(suffix)
     if len(stem) > most:
-        # A checksum tells it from others that are cut.
+        # A checksum tells the name from other cut names.
         mark = os.fsencode(f"~{sha256(stem).hexdigest()[:8]}")
         stem = stem[: most - len(mark)].decode(errors="ignore").encode() + mark
     return options.output_folder / f"{os.fsdecode(stem)}{suffix}"
 
 
 def is_measured(options: argparse.Namespace) -> bool:
-    """Whether meshes that are made are to be measured as they were written."""
+    """Whether to measure made meshes as written."""
     return bool(options.measure or options.json or options.csv or options.html)
 
 
 def _fault(options: argparse.Namespace, given: set[str]) -> str | None:
-    """The fault of the command line, if there is one. given: the names of the options that are there."""
+    """The fault of the command line, if there is one. given: the names of the given options."""
     sources: list[Path | None] = options.files or [None]
     outputs = [output_of(source, options) for source in sources]
     action, reports = action_of(options), [options.json, options.csv, options.html]
@@ -297,24 +297,24 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
     if twice is not None:
         return f"several files would be written to {twice}"
     sources = {place for source in options.files for place in (_place(source), Path(os.path.realpath(source)))}
-    # A report names what was read by its checksum.
+    # A report names read files by their checksums.
     kept = places if options.json or options.csv or options.html else others
     replaced = next((place for place in kept if place in sources), None)
     return None if replaced is None else f"{replaced} is read, and would be replaced"
 
 
 def _place(path: Path) -> Path:
-    """The place of a file, whichever way leads to its folder. A link that is written to is replaced."""
+    """The place of a file, independent of links to its folder. Writing to a link replaces the link."""
     return Path(os.path.realpath(path.parent)) / path.name
 
 
 def _name(text: str) -> str:
-    """second-order → SECOND_ORDER"""
+    """The name of an item from a word: second-order → SECOND_ORDER"""
     return text.upper().replace("-", "_")
 
 
 def _frames(text: str) -> str:
-    """Frames as they are typed, or the word for the scene's own."""
+    """Frames as typed, or the word for the scene's own range."""
     if text != SCENE_RANGE:
         try:
             typed_frames(text)
@@ -324,5 +324,5 @@ def _frames(text: str) -> str:
 
 
 def _suffix(text: str) -> str:
-    """STL → .stl"""
+    """The suffix of a format: STL → .stl"""
     return "." + text.lower().removeprefix(".")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Calls of Blender's operators, whose reports become exceptions, and data that they do not leave behind."""
+"""Calls of Blender's operators with reports as exceptions, and temporary data that are removed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import bpy
 
 
 class CommandError(Exception):
-    """A request that cannot be met; the message says why."""
+    """The error of a request that cannot be met; the message says why."""
 
 
 def call(operator: Any, **properties: Any) -> None:
@@ -35,7 +35,7 @@ def _report_in(message: str, name: str) -> str:
 
 
 def available(name: str) -> Any | None:
-    """The operator of that name, like ``wm.obj_import``; None where this Blender does not have it."""
+    """The operator with a name like ``wm.obj_import``; None if this Blender does not have it."""
     module, _, function = name.partition(".")
     operator = getattr(getattr(bpy.ops, module), function)
     try:
@@ -53,7 +53,7 @@ def known_options(operator: Any, options: dict[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def temporary_data(*kinds: str) -> Iterator[None]:
-    """Remove whatever of these kinds is made inside, like ``meshes``."""
+    """Remove all data of some kinds, like ``meshes``, that are made inside this context."""
     before = {kind: set(getattr(bpy.data, kind)) for kind in kinds}
     try:
         yield

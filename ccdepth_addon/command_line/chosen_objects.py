@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The objects of a file that are worked on."""
+"""The chosen objects of a file."""
 
 from __future__ import annotations
 
@@ -19,10 +19,9 @@ NO_SURFACE = {"ARMATURE", "CAMERA", "EMPTY", "LATTICE", "LIGHT", "LIGHT_PROBE", 
 def chosen_objects(
     source: Path | None, names: Sequence[str] | None = None, collection: str | None = None
 ) -> tuple[list[bpy.types.Object], dict[str, str]]:
-    """The mesh objects of what is open that are not hidden, and why others are left out, by their names; those of these
-    names and of this collection alone, if any are given. What is linked from another file or is an override of it is
-    hidden, and a copy takes its place. Raises CommandError when there are none, when one of the names is missing, and
-    when the file that one is linked from is."""
+    """The visible mesh objects of the open file, and by name the reasons why others are left out; with given names or a
+    collection, only these objects. Linked objects and overrides are hidden, and copies take their places. Raises
+    CommandError without any objects, for a missing name, and for an object linked from a missing file."""
     file, place, there = name_of(source), "it", set(bpy.data.objects)
     whole = bpy.context.scene.collection
     if collection is not None:
@@ -49,7 +48,7 @@ def chosen_objects(
 
 
 def _reason_to_leave_out(blender_object: bpy.types.Object) -> str | None:
-    """Why nothing is done with what an object shows, or would; None where something is, or where it shows nothing."""
+    """The reason why an object that shows a surface is left out; None if it is not left out, or shows nothing."""
     if blender_object.type == "MESH":
         return None if blender_object.visible_get() else "HIDDEN"
     if blender_object.instance_type == "COLLECTION" and blender_object.instance_collection is not None:
@@ -59,7 +58,8 @@ def _reason_to_leave_out(blender_object: bpy.types.Object) -> str | None:
 
 
 def _own(blender_object: bpy.types.Object, meshes: dict[bpy.types.Mesh, bpy.types.Mesh]) -> bpy.types.Object:
-    """The object, or a copy where Blender keeps nothing that is written to it. meshes: copies of such meshes so far."""
+    """The object, or a copy of an object for which Blender keeps no written data. meshes: copies of such meshes so
+    far."""
     own, mesh = blender_object, blender_object.data
     if not own.is_editable or own.override_library is not None:
         own, name = own_copy(blender_object), blender_object.name
@@ -84,8 +84,8 @@ def _shown_collections(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.C
 
 
 def _refuse_missing(file: str, used: Sequence[bpy.types.ID]) -> None:
-    """Raise CommandError when one of these is linked from a file that does not have it. Blender puts an empty one in
-    its place, of which everything would be true."""
+    """Raise CommandError if a data-block is missing from the file that it is linked from. Blender puts an empty one in
+    its place, for which everything would be true."""
     lost = next((each for each in used if each.is_missing), None)
     if lost is not None:
         library = bpy.path.abspath(lost.library.filepath)

@@ -38,7 +38,7 @@ EXIT_FAILURE = 1
 # Why a file cannot be done, so that the others still can.
 FAULTS = (CommandError, OSError)
 
-# What Python has in place of the bytes of names that are not UTF-8 is escaped; JSON has the same escapes.
+# Bytes of names that are not UTF-8 are escaped; JSON has the same escapes.
 NOT_UNICODE = "backslashreplace"
 
 _handle: Any = None
@@ -50,7 +50,7 @@ _received: int | None = None
 def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str] | None = None) -> int:
     """Run a command line; returns the exit status. Errors go to the standard error.
 
-    process: what runs command lines in another process, for ``--jobs``; by default this Blender.
+    process: the line that runs command lines in another process, for ``--jobs``; by default this Blender.
     """
     parser = Parser(program)
     try:
@@ -64,10 +64,10 @@ def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str]
             standard_output.flush()
     except KeyboardInterrupt:
         _tell(program, "interrupted; files that are there are whole")
-        # What a shell says of a program that was ended by the signal.
+        # The status that a shell gives to a program ended by the signal.
         return 128 + (_received or signal.SIGINT)
     except (*FAULTS, ReportError) as fault:
-        # What was to be printed may be what cannot be written.
+        # Printing may be the fault.
         with suppress(OSError):
             sys.stdout.flush()
         _tell(program, str(fault))
@@ -82,7 +82,7 @@ def _execute(
     process: Sequence[str] | None,
     standard_output: TextIO,
 ) -> bool:
-    """Do all that is asked for; returns whether all of it is done and every tolerance met."""
+    """Do everything requested; returns whether all is done and every tolerance met."""
     if options.verify is not None:
         return verify(options.verify)
     if options.worker is not None:
@@ -103,7 +103,7 @@ def _execute(
 
 
 def _done(options: Namespace, program: str, arguments: Sequence[str], process: Sequence[str] | None) -> Report:
-    """Do all files; returns what was done with each."""
+    """Do all files; returns their entries."""
     if options.output_folder is not None:
         _make_folder(options.output_folder)
     sources: list[Path | None] = options.files or [None]
@@ -120,7 +120,7 @@ def _done(options: Namespace, program: str, arguments: Sequence[str], process: S
 
 
 def _make_folder(path: Path) -> None:
-    """Make the folder if it is not there. Raises CommandError."""
+    """Make the folder if missing. Raises CommandError."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as fault:
@@ -128,8 +128,8 @@ def _make_folder(path: Path) -> None:
 
 
 def _work(options: Namespace) -> None:
-    """Do the files that another process gives, and tell it what was done with each, until one was a .blend file that
-    failed: what Blender gives up half-way may break those after it."""
+    """Do the files that another process gives, and answer with the entry of each, up to the first failed .blend file:
+    half-read data may break the files after it."""
     sources = ((number, options.files[number]) for number in given_numbers())
     for number, entry in _one_after_the_other(sources, options, names=True):
         print(answer(options.worker, entry), flush=True)
@@ -140,13 +140,13 @@ def _work(options: Namespace) -> None:
 def _one_after_the_other(
     sources: Iterable[tuple[int, Path | None]], options: Namespace, names: bool
 ) -> Generator[tuple[int, FileEntry]]:
-    """Do each file: yields its number and what was done with it. names: whether to print its name before."""
+    """Do each file: yields its number and its entry. names: whether to print its name before."""
     for number, source in sources:
         if names:
             print(f"{printable(str(source))}:", flush=True)
         try:
             entry = process_file(source, options)
-            # Before the line that says it is done; what cannot be printed is told at the end.
+            # Flushed before the line about the finished file; a failure to print is reported at the end.
             with suppress(OSError):
                 sys.stdout.flush()
         except FAULTS as fault:
@@ -156,7 +156,7 @@ def _one_after_the_other(
             traceback.print_exc()
             entry = _failed(source, f"{type(fault).__name__}: {fault}")
         if _received is not None:
-            # Of what is raised within an operator Blender makes a report.
+            # Blender turns an exception within an operator into a report.
             raise KeyboardInterrupt
         yield number, entry
 
@@ -166,8 +166,8 @@ def _failed(source: Path | None, error: str) -> FileEntry:
 
 
 def _tell_progress(program: str, entry: FileEntry, done: int, count: int) -> None:
-    """Tell what of a file was left out or lost, what became of it, and how many are left; of a single one only what is
-    wrong with it."""
+    """Report the parts of a file that were left out or lost, its outcome, and the number of files left; for a single
+    file only its faults."""
     for text in losses(entry):
         _tell(program, f"{entry.name}: {text}")
     if count == 1 and entry.is_good:
@@ -203,8 +203,8 @@ def _write_reports(report: Report, options: Namespace, standard_output: TextIO) 
 
 @contextmanager
 def _standard_output(options: Namespace) -> Iterator[TextIO]:
-    """The standard output; when a report goes there, everything else goes to the standard error from then on, what
-    Blender itself prints at its end included."""
+    """The standard output. With a report there, everything else goes to the standard error from then on, including
+    Blender's own last lines."""
     if options.worker is not None or STANDARD_OUTPUT not in (options.json, options.csv, options.html):
         yield sys.stdout
         return
@@ -217,8 +217,8 @@ def _standard_output(options: Namespace) -> Iterator[TextIO]:
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Let KeyboardInterrupt be raised when SIGINT or SIGTERM comes, which would end Blender at once or not at all; the
-    second one ends it. Writing to a process or a terminal that has gone is an error, and does not end Blender."""
+    """Raise KeyboardInterrupt at SIGINT or SIGTERM, which would end Blender at once or not at all; a second signal ends
+    Blender. Writing to a process or a terminal that has gone is an error, and does not end Blender."""
     global _received
     _received = None
     handlers: dict[signal.Signals, Callable[[int, FrameType | None], None] | signal.Handlers] = {
@@ -232,7 +232,7 @@ def _interruptible() -> Iterator[None]:
         yield
     finally:
         for number, handler in before.items():
-            # None stands for what was not set from Python.
+            # None stands for a handler not set from Python.
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files in and out: which formats there are, how long their units are, and which operators of Blender's read and write
-them."""
+"""Files in and out: the formats, the lengths of their units, and Blender's operators that read and write them."""
 
 from __future__ import annotations
 
@@ -53,7 +52,7 @@ READING: dict[str, dict[str, Any]] = {
     ".abc": {"as_background_job": False},
 }
 
-# What is written is what is shown, and the selected objects alone.
+# Shown meshes of selected objects are written.
 WRITING_USD = {
     "selected_objects_only": True,
     "evaluation_mode": "VIEWPORT",
@@ -65,20 +64,20 @@ WRITING_USD = {
 }
 WRITING: dict[str, dict[str, Any]] = {
     ".obj": {"export_selected_objects": True, "export_colors": True, "path_mode": "RELATIVE"},
-    # With UV maps vertices would be split, and what is closed have a border.
+    # With UV maps vertices would be split, and closed meshes would have a border.
     ".ply": {"export_selected_objects": True, "export_uv": False},
     ".stl": {"export_selected_objects": True},
     ".glb": {"use_selection": True, "export_format": "GLB", "export_animations": False},
     **dict.fromkeys(USD[:3], WRITING_USD),
 }
 
-# What one unit is where a file does not say so, in metres. The others are in metres themselves, or their readers know.
+# The unit, in metres, of formats without units. Other formats are in metres, or their readers know the unit.
 UNITS = {".stl": 0.001, ".obj": 1.0, ".ply": 1.0}
 
 # Files that lie beside one of this format and belong to it.
 COMPANIONS = {".obj": (".mtl",)}
 
-# What a mesh can hold, and what of it each format does not, or Blender does not write into it.
+# The data that a mesh can hold, and the data that each format loses, or that Blender does not write into it.
 HELD: dict[str, Callable[[bpy.types.Mesh], bool]] = {
     "materials": lambda mesh: any(mesh.materials),
     "UV maps": lambda mesh: len(mesh.uv_layers) > 0,
@@ -98,7 +97,7 @@ LOST = {
 # The lines of an .mtl file that name a file in another folder, up to this name.
 NAMED_FILE = re.compile(rb"^((?:map_|refl|norm|bump|disp)(?:.* )?)\.\./", re.MULTILINE)
 
-# What ends a line of some formats, or a program's patience.
+# The characters that end a line of some formats, or break a program.
 NO_NAME = re.compile(r"[\x00-\x1f\x7f]")
 
 INPUTS = (BLEND, *READERS)
@@ -121,7 +120,7 @@ def scene_unit(scene: bpy.types.Scene) -> float:
 
 
 def unit_of(path: Path, unit: float | None) -> float:
-    """The length of a file's unit in metres, of other files than .blend, where this unit was asked for."""
+    """The length of a file's unit in metres, for files other than .blend, given the requested unit."""
     default = UNITS.get(path.suffix.lower())
     if default is None:
         return 1.0
@@ -129,12 +128,12 @@ def unit_of(path: Path, unit: float | None) -> float:
 
 
 def reader(path: Path) -> Any:
-    """The operator that reads such a file. Raises CommandError when this Blender has none."""
+    """The operator that reads a file. Raises CommandError if this Blender has none."""
     return _operator(path, READERS[path.suffix.lower()], "read")
 
 
 def writer(path: Path) -> Any:
-    """The operator that writes such a file. Raises CommandError when this Blender has none."""
+    """The operator that writes a file. Raises CommandError if this Blender has none."""
     return _operator(path, (WRITERS[path.suffix.lower()],), "write")
 
 
@@ -146,9 +145,10 @@ def _operator(path: Path, names: Sequence[str], use: str) -> Any:
 
 
 def load(path: Path | None, unit: float | None = None) -> None:
-    """Open or import a file, in place of what is open; Suzanne without one.
+    """Open or import a file, or Suzanne without one, in place of the open file.
 
-    unit: in metres, of files that do not say it. The scene's unit becomes that of the file, so that its numbers stay.
+    unit: in metres, for files without a unit of their own. The scene's unit becomes that of the file, so that its
+    numbers stay.
     """
     if path is not None and path.suffix.lower() == BLEND:
         call(bpy.ops.wm.open_mainfile, filepath=str(path.absolute()), use_scripts=scripts_allowed())
@@ -200,17 +200,18 @@ def _weld(mesh: bpy.types.Mesh) -> None:
 
 
 def write_blend(path: Path) -> None:
-    """Save a copy of what is open. Raises CommandError."""
+    """Save a copy of the open file. Raises CommandError."""
     try:
         call(bpy.ops.wm.save_as_mainfile, filepath=str(path), copy=True, check_existing=False)
     except CommandError as fault:
-        # Blender has removed what it could not finish, and may tell of that alone.
+        # Blender has removed the unfinished file, and may report only that.
         raise CommandError(f"Blender could not save it: {fault}; is the disk full?") from fault
 
 
 def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -> tuple[str, ...]:
-    """Write what the objects show, without heat maps, to a file whose unit is so many metres; returns what of them it
-    does not hold. Files beside it are named as seen from the folder above, to which it is moved."""
+    """Write the shown meshes of objects, without heat maps, to a file; returns the data that the file does not hold.
+    unit: of the file, in metres. Files beside it are named relative to the folder above, where the file is moved
+    later."""
     operator, suffix = writer(path), path.suffix.lower()
     options = {"filepath": str(path), "check_existing": False, **WRITING[suffix]}
     if suffix in COMPANIONS and not any(each.material_slots for each in objects):
@@ -226,7 +227,7 @@ def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -
 
 @contextmanager
 def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[list[bpy.types.Mesh]]:
-    """Select, alone, plain copies of what the objects show, with their names; larger by this factor, in a scene of
+    """Select only plain copies of the objects' shown meshes, with their names, enlarged by a factor, in a scene of
     metres. Gives the meshes of the copies."""
     names = [NO_NAME.sub("_", each.name) for each in objects]
     layer, unit = bpy.context.view_layer, bpy.context.scene.unit_settings
@@ -239,7 +240,7 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
         for each in bpy.context.selected_objects:
             undo.callback(each.select_set, True)
         undo.enter_context(temporary_data("objects", "meshes"))
-        # In metres no writer changes lengths.
+        # In a scene of metres no writer changes lengths.
         undo.callback(setattr, unit, "scale_length", unit.scale_length)
         unit.scale_length = 1.0
         depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -260,14 +261,14 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
 
 
 def _shown_copy(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[bpy.types.Mesh, Matrix]:
-    """A mesh of what an object shows, with the colours of the user, and the object's matrix."""
+    """A copy of an object's shown mesh, with the colours of the user, and the object's matrix."""
     mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     mesh_values.clear(mesh)
     return mesh, evaluated.matrix_world.copy()
 
 
 def _place(copy: bpy.types.Object, matrix: Matrix) -> None:
-    """Put a new object at the place of a matrix, whose scale and shear go to its mesh: not all formats have shear."""
+    """Put a new object at the place of a matrix; scale and shear go to its mesh, as not all formats have shear."""
     copy.data.transform(matrix.to_3x3().to_4x4())
     if matrix.is_negative:
         copy.data.flip_normals()
@@ -275,8 +276,8 @@ def _place(copy: bpy.types.Object, matrix: Matrix) -> None:
 
 
 def read_back(path: Path, names: Sequence[str]) -> list[bpy.types.Object]:
-    """The mesh objects of a file, in place of what is open; of a .blend file those of these names, in this order. Its
-    unit is the scene's, whatever it is."""
+    """The mesh objects of a file, in place of the open file; from a .blend file the objects of given names, in this
+    order. The file's unit becomes the scene's."""
     call(bpy.ops.wm.read_homefile, use_empty=True)
     bpy.context.scene.unit_settings.scale_length = 1.0
     if path.suffix.lower() == BLEND:

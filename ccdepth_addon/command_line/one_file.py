@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A file from the beginning to the end: opened, worked on, written, and measured as it was written."""
+"""A file from beginning to end: opened, processed, written, and measured as written."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "outpu
 
 
 def process_file(source: Path | None, options: Namespace) -> FileEntry:
-    """Do what is asked for with a file, or with Suzanne.
+    """The entry of a processed file, or of Suzanne.
 
-    Raises CommandError and OSError, with nothing written, when it cannot be done.
+    Raises CommandError and OSError, with nothing written, if the file cannot be done.
     """
     output = output_of(source, options)
     refuse_impossible(source, output, options)
@@ -62,7 +62,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
 
 
 def _processed(source: Path | None, output: Path | None, options: Namespace) -> FileEntry:
-    """The entry of a file whose outputs are claimed."""
+    """The entry of a file with claimed outputs."""
     load(source, UNITS.get(options.unit))
     found, left_out = chosen_objects(source, options.objects, options.collection)
     objects, error = evaluated_objects(source, found)
@@ -106,7 +106,7 @@ def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
 def evaluated_objects(
     source: Path | None, objects: Sequence[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], str | None]:
-    """The objects whose drivers evaluated, and what is wrong with the others. Raises CommandError without any left."""
+    """The objects whose drivers evaluated, and the faults of the others. Raises CommandError without any left."""
     failed = without_drivers(objects)
     if not failed:
         return list(objects), None
@@ -137,8 +137,8 @@ def refuse_impossible(source: Path | None, output: Path | None, options: Namespa
 
 @contextmanager
 def claimed_output(path: Path, overwrite: bool) -> Iterator[None]:
-    """Keep a place for a file. Raises CommandError when there is no folder for it, or none that can be written to, when
-    something is there that stays, and when another run keeps it."""
+    """Keep a place for a file. Raises CommandError without a writable folder, if something there has to stay, and if
+    another run keeps the place."""
     if not path.absolute().parent.is_dir():
         raise CommandError(f"{path}: there is no folder {path.parent}")
     if not os.access(path.absolute().parent, os.W_OK):
@@ -153,7 +153,7 @@ def claimed_output(path: Path, overwrite: bool) -> Iterator[None]:
 
 
 def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:
-    """Put what was given into the scene, so that a file written holds the settings of its results."""
+    """Put the given options into the scene, so that a written file holds the settings of its results."""
     for name in GIVEN:
         value = getattr(options, name, None)
         if value is not None:
@@ -166,15 +166,15 @@ def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> No
         settings.frames, settings.frame_list = "CUSTOM", options.frames
     if options.tolerance is not None:
         tolerance = options.tolerance.in_scene(scene_unit(bpy.context.scene))
-        # Blender would take what it cannot hold for the largest number it can.
+        # Blender would store a larger number as its largest number.
         if not tolerance < LARGEST_TOLERANCE:
             raise CommandError(TOO_LARGE)
         set_scene_tolerance(settings, tolerance)
 
 
 def measure_settings(time_limit: float | None) -> MeasureSettings:
-    """The scene's settings for measuring what was written. time_limit: in seconds, for each object. Without one it
-    takes as long as it takes: the scene's is for those who wait."""
+    """The scene's settings for measuring written meshes. time_limit: in seconds, for each object; without one there is
+    no limit, as the scene's own is for a waiting user."""
     return MeasureSettings(**{**settings_of(MEASURE), "time_limit": time_limit or 0.0})
 
 
@@ -189,8 +189,8 @@ def surfaces_of(objects: Sequence[bpy.types.Object]) -> list[MeasureTask]:
 def _write(
     output: Path, shown: Sequence[bpy.types.Object], targets: list[MeasureTask], entry: FileEntry, options: Namespace
 ) -> FileEntry:
-    """Write the objects to a file, read back what other formats than Blender's hold, and measure it against the
-    surfaces, if there are any, before it takes its place. Afterwards something else may be open."""
+    """Write the objects to a file, read back formats other than Blender's, and measure the meshes against the surfaces,
+    if any, before the file takes its place. Afterwards another file may be open."""
     is_blend = output.suffix.lower() == BLEND
     settings = measure_settings(options.time_limit)
     scene = scene_unit(bpy.context.scene)
@@ -202,7 +202,7 @@ def _write(
         else:
             lost = write_meshes(shown, path, unit)
         check_whole(path)
-        # Of what is measured, whatever may take its place later.
+        # The stamp of the measured file, before anything can take its place.
         stamped = replace(stamp(path, unit), path=output)
         companions = tuple(
             replace(stamp(beside, None), path=output.with_suffix(suffix))
@@ -222,7 +222,7 @@ def _write(
 
 
 def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
-    """The entry with what was measured. unit: that of the surface, in metres."""
+    """The entry with the measured distances. unit: of the surface, in metres."""
     distances = Distances.of(answer.proved, answer.reached, unit)
     is_met = answer.verdict is Verdict.MET
     return replace(entry, tolerance=answer.tolerance * unit, measured=distances, met=is_met)
@@ -237,13 +237,13 @@ def as_held(entry: ObjectEntry, part: Measured) -> ObjectEntry:
 
 @contextmanager
 def _written(path: Path, options: Namespace) -> Iterator[Path]:
-    """The path to write the file to; it is there as a whole afterwards, or CommandError is raised."""
+    """The path to write the file to; afterwards the whole file is there, or CommandError is raised."""
     backups = bpy.context.preferences.filepaths.save_version if path.suffix.lower() == BLEND else 0
     companions = COMPANIONS.get(path.suffix.lower(), ())
     try:
         with written_whole(path, backups=backups, companions=companions, overwrite=options.overwrite) as beside:
             yield beside
     except (UnwrittenError, CommandError) as fault:
-        # What Blender itself says of a failure need not name the file.
+        # Blender's own message about a failure need not name the file.
         raise CommandError(f"{path}: {fault}") from fault
     print(f"Written: {printable(str(path))}")

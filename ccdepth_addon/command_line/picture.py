@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A picture of the heat map with its legend, or of the edges alone, rendered where there is neither a display nor a
-graphics card.
+"""A picture of the heat map with its legend, or of the edges alone, rendered without a display or a graphics card.
 
-Everything is laid out in a temporary scene whose XY plane is the picture, one unit to the pixel, seen from straight
-above by an orthographic camera. Surfaces glow in their own colours, so those of the legend are exact to the last bit.
+Everything is laid out in a temporary scene with the picture as its XY plane, one unit to the pixel, seen from straight
+above by an orthographic camera. Surfaces glow in their own colours, so the legend's colours are exact to the last bit.
 """
 
 from __future__ import annotations
@@ -34,14 +33,14 @@ from .blender_calls import CommandError, temporary_data
 from .picture_materials import emission_material, give_material, surface_material
 
 WIDTH, HEIGHT = 1600, 1000
-# Of the size that --picture has: as wide as the page of a report.
+# The size of pictures in a report, as a part of --picture's: as wide as the page.
 SMALL = 0.65
 MARGIN = 70
 LEGEND_WIDTH = 250
 TITLE_HEIGHT = 130
 SAMPLES = 16
 
-# A quarter of the size of a .png file, and nobody sees what is lost.
+# A quarter of the size of a .png file, without a visible loss.
 WEBP, WEBP_QUALITY = ".webp", 90
 
 # The viewer stands to the right of the front, a little above.
@@ -50,7 +49,7 @@ ELEVATION = radians(18)
 
 TITLE_SIZE = 44
 TEXT_SIZE = 24
-# How much larger the legend is than in the 3D View, and how wide a letter is in its font, as a part of its size.
+# The size of the legend, in parts of its size in the 3D View, and the width of a letter, as a part of the font's size.
 LEGEND_SIZE, LETTER_WIDTH = 2.2, 0.55
 
 BACKGROUND_COLOR = (0.035, 0.036, 0.040)
@@ -65,7 +64,7 @@ SHORTEST_DRAWN_EDGE = 5.0
 LARGEST_DRAWN_FACE_COUNT = 200_000
 EDGE_WIDTH = 1.6
 
-# What Blender writes into pictures unless told otherwise: where files are, and when and for how long it was rendered.
+# Stamps that Blender writes into pictures by default: the places of files, and the time and duration of rendering.
 STAMPS = ("date", "time", "render_time", "frame", "scene", "camera", "filename")
 
 
@@ -85,11 +84,11 @@ def render(
     look: Look = Look.HEAT_MAP,
     size: float = 1.0,
 ) -> None:
-    """Render objects that have results, to a .png file, or to a .webp file (``has_webp``). size: of the picture, as a
-    part of the usual one.
+    """Render objects with results, to a .png file, or to a .webp file (``has_webp``). size: of the picture, as a part
+    of the usual size.
 
-    What is shown of each is its control mesh with its depths or deviations, or its adaptive mesh with its distances.
-    The file's own scenes, objects and meshes stay as they are. Raises CommandError.
+    Each object is shown by its control mesh with depths or deviations, or by its adaptive mesh with distances. The
+    file's own scenes, objects and meshes stay unchanged. Raises CommandError.
     """
     shown = [obj for obj in objects if mesh_values.has_any(obj.data)]
     if not shown:
@@ -110,7 +109,7 @@ def render(
         for mesh, matrix in zip(meshes, matrices, strict=True):
             _add_surface(scene, mesh, fit @ matrix, look)
         if look is Look.HEAT_MAP:
-            # Title and subtitle say what its notes would.
+            # Title and subtitle replace its notes.
             _add_legend(scene, replace(legend(context.scene, kind, colored), notes=[], alert=""))
         _add_text(scene, title, TITLE_SIZE, TITLE_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE)
         _add_text(scene, subtitle, TEXT_SIZE, TEXT_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE - 46)
@@ -186,14 +185,14 @@ def _fitting(meshes: list[bpy.types.Mesh], matrices: list[Matrix]) -> Matrix:
     least, largest = seen.min(axis=0), seen.max(axis=0)
     middle, extent = (least + largest) / 2, largest - least
     space = np.array([WIDTH - 3 * MARGIN - LEGEND_WIDTH, HEIGHT - 2 * MARGIN - TITLE_HEIGHT])
-    # What is only a line or a point to the viewer is still let into the picture, and nothing comes before the camera.
+    # A line or a point, as seen by the viewer, still gets into the picture, and nothing comes before the camera.
     scale = min((space / np.maximum(extent[:2], extent.max() / 100 + 1e-30)).min(), WIDTH / max(extent[2], 1e-30))
     centre = Matrix.Translation((MARGIN + space[0] / 2, MARGIN + space[1] / 2, 0.0))
     return centre @ Matrix.Scale(scale, 4) @ Matrix.Translation(-middle)
 
 
 def _seen_positions(mesh: bpy.types.Mesh, matrix: Matrix) -> FloatArray:
-    """(V, 3) float64: where a matrix puts the vertices."""
+    """(V, 3) float64: the positions of vertices moved by a matrix."""
     transform = np.array(matrix, dtype=np.float64)
     return read_values(mesh.vertices, "co", np.float32, 3) @ transform[:3, :3].T + transform[:3, 3]
 
@@ -207,7 +206,7 @@ def _add_surface(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, l
 
 
 def _edge_width(mesh: bpy.types.Mesh, matrix: Matrix) -> float:
-    """The width of the edges in pixels; 0 when they would hide the faces."""
+    """The width of the edges in pixels; 0 if they would hide the faces."""
     if not len(mesh.edges) or len(mesh.polygons) > LARGEST_DRAWN_FACE_COUNT:
         return 0.0
     ends = _seen_positions(mesh, matrix)[read_values(mesh.edges, "vertices", np.int32, 2)]
@@ -226,7 +225,7 @@ def _add_edges(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, wid
 
 
 def _add_legend(scene: bpy.types.Scene, wanted: Legend) -> None:
-    """Draw the legend of the 3D View, as large as there is room for it."""
+    """Draw the legend of the 3D View, as large as there is room."""
     largest = column(wanted, LEGEND_SIZE, _width)
     room = min(1.0, LEGEND_WIDTH / largest.width, (HEIGHT - 2 * MARGIN) / largest.height)
     layout = column(wanted, LEGEND_SIZE * room, _width)
@@ -243,12 +242,12 @@ def _add_legend(scene: bpy.types.Scene, wanted: Legend) -> None:
 
 
 def _width(text: str, size: float) -> float:
-    """About that of a text: without a window Blender measures none before it is evaluated."""
+    """The approximate width of a text: without a window Blender measures no text before evaluating it."""
     return LETTER_WIDTH * size * len(text)
 
 
 def _linear(color: Sequence[float]) -> Color:
-    """An sRGB colour as materials have it."""
+    """An sRGB colour in the form of materials, linear."""
     return tuple(to_linear(np.array(color)).tolist())
 
 

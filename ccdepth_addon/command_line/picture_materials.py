@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The materials of a picture: what has them glows in its own colour."""
+"""The materials of a picture: surfaces that glow in their own colours."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LIGHT = (-0.40, 0.55, 0.73)
 
 
 def give_material(data: Any, material: bpy.types.Material) -> None:
-    """Let a mesh or a curve have this material alone."""
+    """Give a mesh or a curve a single material."""
     data.materials.clear()
     data.materials.append(material)
 
@@ -29,7 +29,7 @@ def emission_material() -> bpy.types.Material:
 
 
 def surface_material(has_heat_map: bool) -> bpy.types.Material:
-    """A material that glows in the colours of the results, or of its object, a little less where it is turned away from
+    """A material that glows in the colours of the results, or of its object, a little less on sides turned away from
     the light."""
     material, nodes, emission = _new_emission("CC Depth Surface")
     links = material.node_tree.links

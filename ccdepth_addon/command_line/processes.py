@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several Blenders, each of which does one file after the other.
+"""Several Blenders, each doing one file after the other.
 
-Each is started with the same command line and ``--worker MARK``. It is given the numbers of files as lines on its
-standard input, and tells what became of each in a line of its standard output, after the mark, which nothing else
-prints. Its standard input ends with the process that started it, and it ends then as well.
+Each is started with the same command line and ``--worker MARK``. Its standard input gives the numbers of files as
+lines. It answers each with a line of its standard output, after the mark, which nothing else prints. Its standard input
+ends with the process that started it, and the worker then ends as well.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from .report import FileEntry, stamp
 from .scripted_drivers import ENDS
 from .whole_files import claimed
 
-# How many seconds a process has to end by itself.
+# The time for a process to end by itself, in seconds.
 GRACE = 5.0
 
 
 def own_process(command: str) -> list[str]:
-    """The line that runs our command in another process of this Blender, with the options it was started with itself.
-    Raises CommandError when this is no program."""
+    """The line that runs our command in another process of this Blender, with this Blender's own options. Raises
+    CommandError if this Blender is no program."""
     if not bpy.app.binary_path:
         raise CommandError("--jobs needs Blender's own program")
     options = sys.argv[1:]
@@ -49,8 +49,8 @@ def own_process(command: str) -> list[str]:
 def process_files(
     process: Sequence[str], options: Namespace, arguments: Sequence[str]
 ) -> Generator[tuple[int, FileEntry]]:
-    """Do the files in other processes, several at a time: yields the number of each and what was done with it, in the
-    order in which they end. What is printed about a file is printed when it is done. arguments: the command line."""
+    """Do the files in other processes, several at a time: yields the number and the entry of each, in the order of
+    their ends. The output about a file is printed when the file is done. arguments: the command line."""
     mark = token_hex()
     command = [*process, f"--worker={mark}", *arguments]
     workers = [_Worker(command, mark, options) for _ in options.files[: options.jobs]]
@@ -83,8 +83,8 @@ def process_files(
 
 
 def given_numbers() -> Iterator[int]:
-    """The numbers of files that a process is given by the one that started it; when that one has gone, whatever is done
-    with a file meanwhile is broken off."""
+    """The numbers of files from the process that started this one. Once that process has gone, work on a file is broken
+    off."""
     numbers: SimpleQueue[int | None] = SimpleQueue()
 
     def read() -> None:
@@ -101,12 +101,12 @@ def given_numbers() -> Iterator[int]:
 
 
 def answer(mark: str, entry: FileEntry) -> str:
-    """The line that tells what was done with a file."""
+    """The line that answers with the entry of a file."""
     return f"{mark}{b64encode(pickle.dumps(entry)).decode()}"
 
 
 class _Worker:
-    """A process that does files, and another one after each that ends it."""
+    """A process that does files, replaced by another after a file that ends it."""
 
     def __init__(self, command: Sequence[str], mark: str, options: Namespace) -> None:
         self._command, self._mark, self._options = command, mark, options
@@ -114,8 +114,8 @@ class _Worker:
         self._may_start = True
 
     def done(self, number: int) -> tuple[FileEntry, str]:
-        """The entry of a file, and the output printed meanwhile. When the process ends meanwhile, and had done other
-        files before, which may be to blame, the file is tried once more by a new one."""
+        """The entry of a file, and the output printed meanwhile. If the process ends meanwhile after other files, which
+        may be to blame, a new process tries the file once more."""
         is_new, begin, limit = self._process is None, monotonic(), self._options.file_timeout
         if self._process is None:
             self._process = subprocess.Popen(
@@ -139,7 +139,7 @@ class _Worker:
         return self.failed(number, f"Blender ended with status {status}: {last}"), output
 
     def _answered(self, process: subprocess.Popen[str], number: int) -> tuple[FileEntry | None, str]:
-        """A process's entry of a file, nothing if the process ends before, and the output printed meanwhile."""
+        """A process's entry of a file, None if the process ends before, and the output printed meanwhile."""
         assert process.stdin is not None
         assert process.stdout is not None
         output, timer = "", Timer(self._options.file_timeout or 0.0, process.kill)
@@ -149,7 +149,7 @@ class _Worker:
             with suppress(BrokenPipeError):
                 print(number, file=process.stdin, flush=True)
             for line in process.stdout:
-                # What Blender itself prints need not end with a line.
+                # Blender's own output need not end with a line break.
                 text, mark, said = line.partition(self._mark)
                 output += text
                 if mark:
@@ -175,7 +175,7 @@ class _Worker:
                 self._process.stdin.close()
 
     def end(self) -> None:
-        """Wait for the end of the process; one that does not end by itself is ended."""
+        """Wait for the end of the process, and end it if it does not end by itself."""
         process = self._process
         if process is not None:
             try:

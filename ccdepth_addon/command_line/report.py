@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The report of a run: what was found and made of each file and object. As JSON it is a certificate that can be checked
+"""The report of a run: the results for each file and object. As JSON the report is a certificate that can be checked
 again (docs/report.md), as CSV a table with a row for each object. All lengths are in metres."""
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ from ..ui.printable import printable_lines
 FORMAT, FORMAT_VERSION = "ccdepth-report", 2
 PROGRAM = {"name": "CC Depth", "version": version()}
 
-# Relative. Blender keeps some lengths in single precision, whose roundings are 6e-8 of a number: a dozen of them, and
-# what another order of additions makes of double precision, which is far less, stay within this.
+# The relative rounding of lengths. Blender keeps some lengths in single precision, with roundings of 6e-8 of a number.
+# A dozen such roundings stay within this, with the far smaller effect of another order of additions in double
+# precision.
 ROUNDING = 1e-6
 
 
@@ -43,7 +44,8 @@ def metres_rounded_up(length: float, metres_per_unit: float) -> float:
 
 @dataclass(frozen=True)
 class Distances:
-    """proved: the distance between mesh and limit surface is at most this, both ways. reached: it is at least this."""
+    """Bounds of the distance between mesh and limit surface, both ways. proved: the upper bound. reached: the lower
+    bound."""
 
     proved: float
     reached: float
@@ -59,13 +61,12 @@ class Distances:
 class ObjectEntry:
     """The findings on an object.
 
-    name: the object whose limit surface it is; result: the object that was made of it, if another. settings: as they
-    were given, by their names. tolerance: as a length. faces: of its mesh; vertices: those that depths were computed
-    for, CONTROL or LIMIT; result_faces: of what was made of it; triangles: of what was written and measured. deepest:
-    the deepest depth of a face; level: the first at which all faces are within the tolerance; worst_frame: of depths
-    over frames. proved: the largest distance proved when it was made. measured: by Measure Deviation, on what was
-    written. met: whether the tolerance is met; None where nothing was measured. closed, oriented: of what was written
-    and measured, as of ``written_meshes.Edges``.
+    name: the object of the limit surface; result: the object made of it, if another. settings: as given, by their
+    names. tolerance: as a length. faces: of its mesh; vertices: of the depths, CONTROL or LIMIT; result_faces: of the
+    made mesh; triangles: of the written and measured mesh. deepest: the deepest depth of a face; level: the first at
+    which all faces are within the tolerance; worst_frame: of depths over frames. proved: the largest distance proved
+    when the mesh was made. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
+    without a measurement. closed, oriented: of the written and measured mesh, as of ``written_meshes.Edges``.
     """
 
     name: str
@@ -88,7 +89,7 @@ class ObjectEntry:
 
 @dataclass(frozen=True)
 class FileStamp:
-    """A file as it was. sha256: of its content; None where it could not be read."""
+    """A file at a time. sha256: of its content; None if it could not be read."""
 
     path: Path
     sha256: str | None
@@ -97,7 +98,7 @@ class FileStamp:
 
 @dataclass(frozen=True)
 class Chosen:
-    """The objects of a file that were asked for, by their names and a collection; all without any."""
+    """The requested objects of a file, by their names and a collection; all objects without either."""
 
     objects: list[str] | None
     collection: str | None
@@ -105,8 +106,8 @@ class Chosen:
 
 @dataclass(frozen=True)
 class ReportPictures:
-    """The parts of the page on an object beside its numbers: how many faces have which depth, from the least on, and
-    pictures, as WebP files, or PNG files from a Blender that cannot write those."""
+    """The parts of the page on an object beside its numbers: the number of faces of each depth, from the least on, and
+    pictures, as WebP files, or PNG files from a Blender without WebP."""
 
     faces_by_depth: tuple[tuple[int, int], ...]
     heat_map: bytes
@@ -115,11 +116,10 @@ class ReportPictures:
 
 @dataclass(frozen=True)
 class FileEntry:
-    """The entry of a file. source: None for Blender's Suzanne. error: why it failed, if it did.
-    chosen: None where no object was done. left_out: why objects were, by their names: HIDDEN, COLLECTION_INSTANCE or
-    their type in Blender; None where it is not told. companions: files that were written beside the output and belong
-    to it. lost: what of the objects these do not hold. pictures: one for each object where a page is to be written or
-    the report is to hold them, else none."""
+    """The entry of a file. source: None for Blender's Suzanne. error: why the file failed, if it did. chosen: None if
+    no object was done. left_out: by the names of objects, the reasons: HIDDEN, COLLECTION_INSTANCE or their type in
+    Blender; None if unknown. companions: files written beside the output that belong to it. lost: the data of the
+    objects that no file holds. pictures: one for each object if a page or the report holds them, else none."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
@@ -133,7 +133,7 @@ class FileEntry:
 
     @property
     def is_good(self) -> bool:
-        """Whether it did not fail, and every tolerance that was to be met is."""
+        """Whether the file did not fail, and every tolerance to be met is met."""
         return self.error is None and all(each.met is not False for each in self.objects)
 
     @property
@@ -143,7 +143,7 @@ class FileEntry:
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a run: depths, levels, subdivide or measure. version: of the format that it was read from. is_own:
+    """The report of a run: depths, levels, subdivide or measure. version: of the format of the file read. is_own:
     whether this version of CC Depth made it, in this version of Blender."""
 
     action: str
@@ -157,12 +157,12 @@ class Report:
 
 
 def name_of(source: Path | None) -> str:
-    """The name of a file, as it was given; of Blender's Suzanne, which is no file, its own."""
+    """The name of a file, as given, or of Blender's Suzanne, which is no file."""
     return "Suzanne" if source is None else str(source)
 
 
 def stamp(path: Path, metres_per_unit: float | None) -> FileStamp:
-    """The file as it is now."""
+    """The stamp of the present file."""
     checksum = None
     # A pipe would be waited for.
     if path.is_file():
@@ -172,7 +172,7 @@ def stamp(path: Path, metres_per_unit: float | None) -> FileStamp:
 
 
 def json_text(report: Report, folder: Path | None, with_pictures: bool) -> str:
-    """The report as JSON. folder: where it will be; files are named as seen from there, or else with their full
+    """The report as JSON. folder: of the report; files are named relative to it, or without it with their full
     paths."""
     content = {
         "format": FORMAT,
@@ -196,30 +196,30 @@ def _file_content(entry: FileEntry, with_pictures: bool) -> dict[str, Any]:
 
 
 def _written(folder: Path | None, value: bytes | Path) -> str:
-    """The JSON value of a picture, or of a file as it is seen from a folder."""
+    """The JSON value of a picture, or of a file relative to a folder."""
     if isinstance(value, bytes):
         return b64encode(value).decode()
     path = value.absolute()
     if folder is not None:
-        # To another drive there is no way from there.
+        # No relative path leads to another drive.
         with suppress(ValueError):
             path = Path(os.path.relpath(without_links(path.parent) / path.name, without_links(folder)))
     return path.as_posix()
 
 
 def without_links(folder: Path) -> Path:
-    """The folder as it is, or by another way if there are links on this one: from these the way up is another than it
-    looks, and not the same for Python and for Blender."""
+    """The folder by a path without links: from a link the way up is not the apparent one, and differs between Python
+    and Blender."""
     real = os.path.realpath(folder)
     return folder if real == os.path.abspath(folder) else Path(real)
 
 
 YES_OR_NO = {None: "", True: "yes", False: "no"}
 
-# What spreadsheets take for the beginning of a formula.
+# The characters that spreadsheets take for the beginning of a formula.
 FORMULA_STARTS = ("=", "+", "-", "@")
 
-# The columns of the table that are about an object, and what they have of its entry.
+# The columns of the table for an object, and their values from its entry.
 COLUMNS: dict[str, Callable[[ObjectEntry], Any]] = {
     "object": attrgetter("name"),
     "tolerance_m": attrgetter("tolerance"),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A report as a page for people: a single file of HTML that loads nothing, with pictures where the report has them."""
+"""A report as a page for people: a single file of HTML that loads nothing, with the pictures of the report."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ ACTION_TEXTS = {
     MEASURE: "Deviations measured",
 }
 
-# A verdict is a sign and words, so that it does not go by its colour alone.
+# A verdict has a sign and words, not only a colour.
 GOOD, BAD, NEUTRAL = ("good", "✓"), ("bad", "✗"), ("neutral", "–")
 
-# In pixels, of the histogram.
+# The size of the histogram in pixels.
 BAR_LEFT, BAR_WIDTH, BAR_HEIGHT, ROW_HEIGHT, TEXT_WIDTH = 34, 300, 18, 26, 150
 
-# What is not in these may not be loaded, whatever names of objects and files hold.
+# Nothing else may be loaded, for any contents of the names of objects and files.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 STYLE = """
@@ -80,7 +80,7 @@ code { font: .85em ui-monospace, monospace; overflow-wrap: anywhere; }
 
 
 def page(report: Report) -> str:
-    """The page of a report. Files are named as the report names them; whatever names hold, it is shown as text."""
+    """The page of a report. Files are named as in the report; all contents of names are shown as text."""
     title = f"CC Depth Report: {ACTION_TEXTS[report.action]}"
     sections = "".join(_file_section(number, entry) for number, entry in enumerate(report.files))
     return f"""<!DOCTYPE html>
@@ -147,7 +147,7 @@ def _file_verdict(entry: FileEntry) -> str:
 
 
 def _file_table(entries: Sequence[FileEntry]) -> str:
-    """All files in a few words each, with links to what is told of them."""
+    """All files in a few words each, with links to their sections."""
     rows = [
         [
             f'<a href="#file-{number}">{_text(entry.name)}</a>',
@@ -246,7 +246,7 @@ def _picture_url(content: bytes) -> str:
 
 
 def _histogram(faces_by_depth: Sequence[tuple[int, int]]) -> str:
-    """A bar for each depth, in its colour; nothing where no depths are known."""
+    """A bar for each depth, in its colour; nothing without known depths."""
     if not faces_by_depth:
         return ""
     total, most = (function(faces for _, faces in faces_by_depth) for function in (sum, max))
@@ -267,6 +267,6 @@ def _histogram(faces_by_depth: Sequence[tuple[int, int]]) -> str:
 
 
 def _color(depth: int) -> str:
-    """The colour that a depth has everywhere."""
+    """The colour of a depth, the same everywhere."""
     [color] = depth_colors([depth]).tolist()
     return "#" + "".join(f"{round(255 * part):02x}" for part in color)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The report in a JSON file, or those in a folder as one: read, and refused where what they say cannot be so."""
+"""The report in a JSON file, or the reports in a folder as one: read, and refused if contradictory."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from .report import FORMAT, FORMAT_VERSION, PROGRAM, ROUNDING, FileEntry, Frame,
 OLD_VERSION = 1
 FIELDS = {"format", "version", "program", "blender", "action", "met", "files"}
 
-# What reports of version 1 do not tell: which objects of a file were asked for, and two things of what was written.
+# The fields missing from reports of version 1: the requested objects of a file, and two facts about a written mesh.
 UNTOLD_OF_FILES: dict[str, Any] = {"chosen": None}
 UNTOLD_OF_OBJECTS: dict[str, Any] = {"closed": None, "oriented": None}
 
 
 class ReportError(ValueError):
-    """A file cannot be read as a report; the message says why."""
+    """The error of a file that cannot be read as a report; the message says why."""
 
 
 def gathered_reports(folder: Path) -> Report:
     """One report of all JSON reports in a folder, in the order of their names.
 
-    Raises ReportError where they do not make one: there are none, one is of another action, program or Blender, or two
+    Raises ReportError without any report, for a report of another action, program or Blender, and for two reports that
     read or write the same file; and OSError.
     """
     paths = sorted(folder.glob("*.json"))
@@ -95,7 +95,7 @@ def read_report(path: Path) -> Report:
 
 
 def _take_for_new(content: dict[str, Any]) -> None:
-    """Turn the content of a report of version 1 into that of the newest, without what it does not tell."""
+    """Turn the content of a report of version 1 into the newest version, without unknown fields."""
     for entry in content["files"]:
         entry.update(UNTOLD_OF_FILES)
         for each in entry["objects"]:
@@ -106,7 +106,7 @@ def _take_for_new(content: dict[str, Any]) -> None:
 
 
 def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
-    # Older reports of this version do not tell of these, and of the vertices among the settings alone.
+    # Older reports of this version lack these fields, and have the vertices only among the settings.
     values = {"left_out": None, "companions": [], "lost": [], "pictures": [], **content, "source": content["input"]}
     values["objects"] = [{"vertices": (each["settings"] or {}).get("vertices"), **each} for each in content["objects"]]
     entry: FileEntry = _read(FileEntry, {name: values[name] for name in values.keys() - {"input", "met"}}, folder)
@@ -119,7 +119,7 @@ def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
 
 
 def _agree(entry: ObjectEntry) -> bool:
-    """Whether the distances measured are in order, and the verdict is that of these distances."""
+    """Whether the measured distances are in order, and the verdict follows from them."""
     if entry.measured is None:
         return True
     slack = 1 + ROUNDING if entry.met else 1 - ROUNDING
@@ -128,8 +128,8 @@ def _agree(entry: ObjectEntry) -> bool:
 
 
 def _read(hint: Any, value: Any, folder: Path, name: str = "") -> Any:
-    """The value of a type from JSON; numbers, but for frames, have to be finite and not negative. Raises ValueError
-    where it is no such value. folder: that paths are seen from. name: of the field."""
+    """The value of a type from JSON; numbers, but for frames, have to be finite and not negative. Raises ValueError for
+    any other value. folder: to which paths are relative. name: of the field."""
     if get_origin(hint) in (Union, UnionType):
         return None if value is None else _read(get_args(hint)[0], value, folder, name)
     if isinstance(hint, type) and is_dataclass(hint) and isinstance(value, dict):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The text that is printed of depths, adaptive meshes and measurements."""
+"""The printed text about depths, adaptive meshes and measurements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .report import FileEntry
 
 
 def print_facts(objects: Sequence[bpy.types.Object]) -> None:
-    """Print the facts of the depths on each mesh, with the number of faces of each depth; or those of each adaptive
+    """Print the facts of the depths on each mesh, with the number of faces of each depth; or the facts of each adaptive
     mesh."""
     print(settings_text(objects))
     for mesh, names in _names_by_mesh(objects).items():
@@ -88,7 +88,7 @@ def settings_text(objects: Sequence[bpy.types.Object]) -> str:
 
 
 def _names_by_mesh(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Mesh, str]:
-    """The names of the objects that use each mesh, as they can be printed."""
+    """The printable names of the objects that use each mesh."""
     names: dict[bpy.types.Mesh, list[str]] = {}
     for blender_object in objects:
         names.setdefault(blender_object.data, []).append(printable(blender_object.name))

@@ -9,18 +9,18 @@ from contextlib import contextmanager
 
 import bpy
 
-# Blender's options that begin the arguments of somebody else, and those that switch scripts on and off.
+# Blender's options that begin the arguments of other programs, and its options that switch scripts on and off.
 ENDS = ("-c", "--command", "--")
 ON, OFF = ("-y", "--enable-autoexec"), ("-Y", "--disable-autoexec")
 
-# What does not shape an object that uses it.
+# The kinds of data that do not shape an object.
 NO_SHAPE = (bpy.types.Material, bpy.types.Scene, bpy.types.World)
 
 
 def scripts_allowed() -> bool:
     """Whether Blender was started with ``-y``. The last of ``-y`` and ``-Y`` holds; without either, scripts are off."""
     allowed = False
-    # The arguments of Blender as a module are those of another program.
+    # Blender as a module has the arguments of another program.
     for option in sys.argv[1:] if bpy.app.binary_path else ():
         if option in ENDS:
             break
@@ -30,10 +30,10 @@ def scripts_allowed() -> bool:
 
 @contextmanager
 def scripts_as_started() -> Iterator[None]:
-    """Run scripts of files as `scripts_allowed` says, whatever the preferences are.
+    """Run scripts of files as `scripts_allowed` says, independent of the preferences.
 
-    Blender goes by the preference again whenever it opens its startup file or appends, so that the choice of a single
-    load does not last.
+    Blender follows the preference again whenever it opens its startup file or appends, so the choice of a single load
+    does not last.
     """
     paths = bpy.context.preferences.filepaths
     before = paths.use_scripts_auto_execute
@@ -47,8 +47,8 @@ def scripts_as_started() -> Iterator[None]:
 def without_drivers(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Object, str]:
     """The objects that depend on a driver that did not evaluate, and the expression of one such driver each.
 
-    An object depends on all that it uses: its mesh and shape keys, its parent, what its modifiers, constraints and
-    drivers name, and what these use.
+    An object depends on all used data: its mesh and shape keys, its parent, the data named by its modifiers,
+    constraints and drivers, and the data used by these.
     """
     bpy.context.view_layer.update()
     users = bpy.data.user_map()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Check a report again: that it does not contradict itself, that its files have not changed, and that its claims are
-proved once more. docs/report.md has a table of how each field is checked."""
+"""The check of a report: it does not contradict itself, its files have not changed, and its claims are proved once
+more. docs/report.md has a table of how each field is checked."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ from .report import FORMAT_VERSION, ROUNDING, Chosen, FileEntry, FileStamp, Obje
 from .report_reading import UNTOLD_OF_OBJECTS, read_report
 from .written_meshes import GLB, STL, measured_distances, read_written
 
-# Measure Deviation tells no distances apart that are within this part of the tolerance (docs/deviation.md).
+# Measure Deviation does not distinguish distances below this part of the tolerance from zero (docs/deviation.md).
 PART_OF_TOLERANCE = 1e-3
 
-# A Subdivision Surface modifier has fewer levels.
+# More levels than a Subdivision Surface modifier has.
 MOST_LEVELS = 16
 
-# What is as it was. Depths and levels may be larger than those that are proved now, and distances differ by ROUNDING.
+# The fields that stay the same, and the fields that may be larger than proved now; distances differ by ROUNDING.
 EXACT = ("faces", "vertices", "result", "result_faces", "triangles", "closed", "oriented")
 AT_LEAST = ("deepest", "level")
 
 
 def verify(path: Path) -> bool:
-    """Check all that a report says, and print it; returns whether all of it is so and every tolerance is met.
+    """Check all claims of a report, and print the outcome; returns whether all claims hold and every tolerance is met.
 
-    Raises ReportError when it cannot be read.
+    Raises ReportError if the report cannot be read.
     """
     report = read_report(path)
     are_good = []
@@ -58,7 +58,7 @@ def verify(path: Path) -> bool:
 
 
 def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
-    """The faults of a file. Raises CommandError, OSError and ValueError when it cannot be checked."""
+    """The faults of a file. Raises CommandError, OSError and ValueError if the file cannot be checked."""
     files = (entry.source, entry.output, *entry.companions)
     faults = [*_contradictions(report, entry), *(fault for each in files for fault in _other_file(each))]
     yield from faults
@@ -72,7 +72,7 @@ def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
 
 
 def _contradictions(report: Report, entry: FileEntry) -> Iterator[str]:
-    """Why what is said of a file cannot be so, or cannot be checked, whatever is in its files."""
+    """The contradictions in a file's entry, and claims that cannot be checked, with any contents of the files."""
     if entry.error is not None:
         yield f"it failed: {entry.error}"
     elif not entry.objects:
@@ -89,8 +89,8 @@ def _contradictions(report: Report, entry: FileEntry) -> Iterator[str]:
 
 
 def _is_accurate(entry: ObjectEntry) -> bool:
-    """Whether the distances of an object measured as it is are as near to each other as its settings say, or so small a
-    part of the tolerance that they need not be."""
+    """Whether the distances of an object measured unchanged are as near to each other as its settings demand, or too
+    small a part of the tolerance to matter."""
     accuracy = entry.settings.get("accuracy")
     if entry.measured is None or not isinstance(accuracy, (int, float)):
         return False
@@ -99,7 +99,7 @@ def _is_accurate(entry: ObjectEntry) -> bool:
 
 
 def _other_file(stamped: FileStamp | None) -> Iterator[str]:
-    """Why a file is not the one that a report names, if it is not."""
+    """The reason why a file is not the reported file, or None."""
     if stamped is None:
         return
     checksum = stamp(stamped.path, None).sha256
@@ -110,7 +110,7 @@ def _other_file(stamped: FileStamp | None) -> Iterator[str]:
 
 
 def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
-    """The entries of the objects, found anew: what was computed is computed again, and what was written measured."""
+    """The entries of the objects, found anew: depths are computed again, and written meshes measured."""
     objects = _reopened(action, entry)
     output, scene = entry.output, scene_unit(bpy.context.scene)
     if output is not None:
@@ -140,7 +140,7 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
 
 
 def _refuse_other_output(output: FileStamp, scene: float) -> None:
-    """Raise CommandError when a unit of a file that was written is not what it is in such a file."""
+    """Raise CommandError if the reported unit of a written file is not the format's unit."""
     if not output.metres_per_unit:
         raise CommandError(f"the report does not say how long a unit of {output.path} is")
     is_blend = output.path.suffix.lower() == BLEND
@@ -148,7 +148,7 @@ def _refuse_other_output(output: FileStamp, scene: float) -> None:
 
 
 def _keeps_modifiers(blender_object: bpy.types.Object) -> bool:
-    """Whether an adaptive mesh of the object has modifiers that show, so that what is written is another mesh."""
+    """Whether an adaptive mesh of the object has visible modifiers, so that the written mesh is another."""
     use_modifiers = bpy.context.scene.ccdepth.use_modifiers
     applied = applied_modifiers(blender_object, use_modifiers=use_modifiers)
     return any(each not in applied for each in shown_modifiers(blender_object))
@@ -157,8 +157,8 @@ def _keeps_modifiers(blender_object: bpy.types.Object) -> bool:
 def _computed_anew(
     action: str, entries: Sequence[ObjectEntry], objects: Sequence[bpy.types.Object]
 ) -> list[ObjectEntry]:
-    """The entries of what is not measured, found anew. Of adaptive meshes, which are not made again, it has what the
-    report says of how they were made."""
+    """The entries of meshes that are not measured, found anew. Entries of adaptive meshes, which are not made again,
+    keep the reported facts of their making."""
     settings = settings_of(action)
     if action not in (SUBDIVIDE, MEASURE):
         found = [each for each, _ in ACTIONS[action](objects, settings)]
@@ -178,8 +178,8 @@ def _computed_anew(
 
 
 def _at_the_level(said: ObjectEntry, found: ObjectEntry) -> ObjectEntry:
-    """The entry found anew with the faces there are at the level that the report says, where a lower one is proved:
-    each level has four for one, and the first a face for each corner."""
+    """The entry found anew, with the number of faces at the reported level if a lower level is proved: each level has
+    four faces for one, and the first a face for each corner."""
     more = min(said.level or 0, MOST_LEVELS) - (found.level or 0)
     if more <= 0 or found.result_faces is None:
         return found
@@ -189,7 +189,7 @@ def _at_the_level(said: ObjectEntry, found: ObjectEntry) -> ObjectEntry:
 def _measured_anew(
     said: ObjectEntry, found: ObjectEntry, target: MeasureTask, part: Measured, unit: float
 ) -> ObjectEntry:
-    """The entry with a mesh measured: until it is known whether it is as near as the report says."""
+    """The entry with a measured mesh: measured until its distance is known to be as small as reported, or not."""
     tolerance = target.surface.tolerance
     surface = replace(target.surface, tolerance=min(tolerance, _told(said) / unit))
     answer = measured_distances(replace(target, surface=surface), part, measure_settings(None))
@@ -197,12 +197,12 @@ def _measured_anew(
 
 
 def _as_written(found: ObjectEntry, part: Measured, output: FileStamp, scene: float) -> ObjectEntry:
-    """The entry of an adaptive mesh with its faces, as far as the file has them, and with the least distance that can
-    have been proved of it before it was written.
+    """The entry of an adaptive mesh with the faces of the file, and with the least distance that can have been proved
+    before writing.
 
-    The file holds what was proved but for roundings. Writer and reader place it with matrices in single precision, at
-    most a dozen roundings of 2⁻²⁴ in each of three coordinates: √3 · 12 · 2⁻²⁴ < 1.3e-6 of the largest coordinate. .obj
-    files have six decimals: √3 / 2 · 1e-6 of a unit. Twice ROUNDING of both is more.
+    The file holds the proved mesh but for roundings. Writer and reader place the mesh with matrices in single
+    precision, at most a dozen roundings of 2⁻²⁴ in each of three coordinates: √3 · 12 · 2⁻²⁴ < 1.3e-6 of the largest
+    coordinate. .obj files have six decimals: √3 / 2 · 1e-6 of a unit. Twice ROUNDING of both is more.
     """
     assert found.measured is not None
     assert output.metres_per_unit is not None
@@ -217,13 +217,13 @@ def _as_written(found: ObjectEntry, part: Measured, output: FileStamp, scene: fl
 
 
 def _told(said: ObjectEntry) -> float:
-    """The largest distance, in metres, that an entry tells of what was measured, but for rounding."""
+    """The largest distance, in metres, of an entry's measurement, but for rounding."""
     return inf if said.measured is None else said.measured.proved * (1 + ROUNDING)
 
 
 def _reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
-    """Open the file of an entry, with its settings in the scene: the objects of the entry. Raises CommandError, also
-    when these are not all that were asked for."""
+    """The objects of an entry, from its opened file, with its settings in the scene. Raises CommandError, also if these
+    are not all requested objects."""
     source, names = entry.source, [each.name for each in entry.objects]
     path, unit = (None, None) if source is None else (source.path, source.metres_per_unit)
     load(path, unit)
@@ -245,7 +245,7 @@ def _reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
 
 
 def _refuse_other_unit(stamped: FileStamp, unit: float) -> None:
-    """Raise CommandError when a unit of a file, in metres, is not the one in the report."""
+    """Raise CommandError if the unit of a file, in metres, is not the reported unit."""
     if stamped.metres_per_unit is None or not isclose(stamped.metres_per_unit, unit, rel_tol=ROUNDING):
         raise CommandError(
             f"the report says that a unit of {stamped.path} is {stamped.metres_per_unit} m, but it is {unit} m"
@@ -253,7 +253,7 @@ def _refuse_other_unit(stamped: FileStamp, unit: float) -> None:
 
 
 def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
-    """Put what the report says into the scene. Raises CommandError for what cannot be."""
+    """Put the reported settings into the scene. Raises CommandError for impossible settings."""
     settings, holder = entries[0].settings, bpy.context.scene.ccdepth
     if any(each.settings != settings for each in entries) or settings.keys() != {"tolerance", *SETTINGS[action]}:
         raise CommandError("the settings in the report are not those of a run")
@@ -271,7 +271,7 @@ def _differences(said: ObjectEntry, found: ObjectEntry, largest: float) -> Itera
     wrong += [name for name in AT_LEAST if not _is_at_least(getattr(said, name), getattr(found, name))]
     if not isclose(said.tolerance, found.tolerance, rel_tol=ROUNDING):
         wrong.append("tolerance")
-    # A version that proves lower depths and levels tells of other distances and frames.
+    # A version that proves lower depths and levels reports other distances and frames.
     is_lower = any(getattr(said, name) != getattr(found, name) for name in AT_LEAST)
     one, other = said.worst_frame, found.worst_frame
     if (one is None) != (other is None) or (one != other and not is_lower):
@@ -288,7 +288,7 @@ def _differences(said: ObjectEntry, found: ObjectEntry, largest: float) -> Itera
 
 
 def _is_at_least(one: float | None, other: float | None) -> bool:
-    """Whether a number is at least another one, but for rounding; or there is neither."""
+    """Whether a number is at least another, but for rounding; or both are missing."""
     if one is None or other is None:
         return one is other
     return one * (1 + ROUNDING) >= other
@@ -300,7 +300,7 @@ def _measured_differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str
     if one is None and other is not None:
         yield "the report does not say how far what was written is from the limit surface"
     elif one is not None and other is not None:
-        # Where it is not within the tolerance, it is measured no nearer than that.
+        # A mesh beyond the tolerance is measured only up to that verdict.
         is_proved = other.proved <= _told(said) or not said.met
         if not is_proved or other.reached > _told(said) or one.reached > other.proved * (1 + ROUNDING):
             yield (

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that are there as a whole or not at all.
+"""Files written as a whole or not at all.
 
-When the disk is full, Blender still reports that it has saved a file or written a picture, and has by then cut off
-what was there before. So files are written beside their place, checked to their end, and only then moved there.
+On a full disk, Blender still reports that it has saved a file or written a picture, and has by then truncated the
+earlier file. So files are written beside their place, checked to their end, and only then moved there.
 
-The name as it is given decides of the format, and a link is replaced, not followed.
+The given name decides the format, and a link is replaced, not followed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SEEK_TABLE_MARK = 0x8F92EAB1
 SEEK_TABLE_HEADER_SIZE = 8
 HAS_CHECKSUMS = 0x80
 
-# In bytes: with less than this the next thing that is written does not fit.
+# The least free space in bytes; with less, the next write does not fit.
 LEAST_FREE = 1 << 16
 
 # The headers of a .blend file's blocks: of files up to version 4 and since version 5.
@@ -39,16 +39,17 @@ LARGE_BLOCK_HEADER = struct.Struct("<4siQqq")
 
 
 class UnwrittenError(OSError):
-    """The file could not be written as a whole; what was there before is still there. The message says why."""
+    """The error of a file that could not be written as a whole; the earlier file is still there. The message says
+    why."""
 
 
 EXISTS = "it exists already; use --overwrite to replace it"
 
 
 def refuse_existing(path: Path, overwrite: bool, companions: Sequence[str] = ()) -> None:
-    """Raise UnwrittenError if something is there that stays: a file without ``overwrite``, a device or a folder always.
+    """Raise UnwrittenError if something there has to stay: a file without ``overwrite``, a device or a folder always.
 
-    companions: suffixes of files that belong to it, and are asked for as well.
+    companions: suffixes of files that belong to it, and are checked as well.
     """
     for each in (path, *(path.with_suffix(suffix) for suffix in companions)):
         if each.exists() and not each.is_file():
@@ -58,15 +59,15 @@ def refuse_existing(path: Path, overwrite: bool, companions: Sequence[str] = ())
 
 
 def _beside(path: Path, suffix: str) -> Path:
-    """A name beside a file, which is its alone, and no longer than others."""
+    """A name beside a file, unique to it, and of bounded length."""
     return path.with_name(f".ccdepth-{sha256(os.fsencode(path.name)).hexdigest()[:16]}{suffix}")
 
 
 @contextmanager
 def claimed(path: Path) -> Iterator[None]:
-    """Keep other runs from writing a file meanwhile, and remove what one that was ended has left beside it.
+    """Keep other runs from writing a file meanwhile, and remove the remains of a killed run beside it.
 
-    Raises UnwrittenError when another run writes it, and OSError.
+    Raises UnwrittenError if another run writes it, and OSError.
     """
     lock = _beside(path, ".lock")
     try:
@@ -84,8 +85,8 @@ def claimed(path: Path) -> Iterator[None]:
 
 
 def _held(lock: Path) -> int:
-    """A file that no other process holds until it is closed or its process has gone. Raises BlockingIOError and
-    FileExistsError when one does."""
+    """A file that no other process can hold until it is closed or its process has gone. Raises BlockingIOError and
+    FileExistsError if another process holds it."""
     if sys.platform == "win32":
         return os.open(lock, os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
     from fcntl import LOCK_EX, LOCK_NB, flock  # Windows has none.
@@ -93,7 +94,7 @@ def _held(lock: Path) -> int:
     held = os.open(lock, os.O_CREAT | os.O_RDWR)
     try:
         flock(held, LOCK_EX | LOCK_NB)
-        # The one that held it until now has removed it.
+        # The process that held the file until now has removed it.
         if not lock.exists() or not os.path.samestat(lock.stat(), os.fstat(held)):
             raise FileExistsError
     except OSError as fault:
@@ -105,7 +106,7 @@ def _held(lock: Path) -> int:
 
 
 def _remove_left(path: Path) -> None:
-    """Remove what was written beside a file. Blender itself writes .blend files under their name and an @."""
+    """Remove the files written beside a file. Blender itself writes .blend files under their name and an @."""
     for suffix in (path.suffix, f"{path.suffix}@"):
         with suppress(OSError):
             _beside(path, suffix).unlink()
@@ -119,9 +120,9 @@ def written_whole(
     """A path to write to, which takes the place of ``path``, which is claimed, afterwards if it is a whole file, as far
     as can be told.
 
-    backups: how many earlier versions of the file to keep, called like those that Blender keeps: .blend1, .blend2, …
-    companions: suffixes of files that are written beside it, and belong to it. Raises UnwrittenError when it is not
-    whole or cannot be put there.
+    backups: the number of earlier versions of the file to keep, named as by Blender: .blend1, .blend2, … companions:
+    suffixes of files written beside it that belong to it. Raises UnwrittenError if the file is not whole or cannot be
+    put there.
     """
     refuse_existing(path, overwrite, companions)
     beside = _beside(path, path.suffix)
@@ -134,7 +135,7 @@ def written_whole(
     except Exception as fault:
         if isinstance(fault, UnwrittenError) or not _is_full(path.absolute().parent):
             raise
-        # Whatever went wrong, and whatever was made of it.
+        # After any failure, in any state.
         raise UnwrittenError(f"it could not be written: {fault}; the disk is full") from fault
     try:
         check_whole(beside)
@@ -153,8 +154,8 @@ def written_whole(
 
 
 def _move(beside: Path, target: Path, overwrite: bool) -> None:
-    """Give a file its name. Raises UnwrittenError when it is not to replace another, even one that has come meanwhile,
-    and OSError."""
+    """Give a file its name. Raises UnwrittenError if it must not replace another file, even one that has come
+    meanwhile, and OSError."""
     if not overwrite:
         try:
             os.link(beside, target)
@@ -168,7 +169,7 @@ def _move(beside: Path, target: Path, overwrite: bool) -> None:
 
 
 def _keep(target: Path, backups: int) -> None:
-    """Move every version of the file on by one, but for the last; the file itself stays."""
+    """Move every version of the file on by one, except the last; the file itself stays."""
     versions = [target, *(target.with_name(f"{target.name}{number}") for number in range(1, backups + 1))]
     for older, newer in zip(versions[:0:-1], versions[-2::-1], strict=True):
         if newer == target:
@@ -201,7 +202,7 @@ def check_whole(path: Path) -> None:
 
 
 def _is_whole_png(file: BinaryIO, size: int) -> bool:
-    """Whether every chunk to the last is there, with the right checksum."""
+    """Whether a .png file has every chunk to the last, with the right checksum."""
     if file.read(len(PNG_SIGNATURE)) != PNG_SIGNATURE:
         return False
     kind = b""
@@ -225,7 +226,7 @@ def _is_whole_blend(file: BinaryIO, size: int) -> bool:
 
 
 def _has_all_blocks(file: BinaryIO, size: int, position: int, header: struct.Struct, length_at: int) -> bool:
-    """Whether one block follows the other up to the one that says it is the last, where the file ends."""
+    """Whether block follows block up to the last block, at the end of the file."""
     kind = b""
     while kind != b"ENDB":
         file.seek(position)
@@ -236,7 +237,7 @@ def _has_all_blocks(file: BinaryIO, size: int, position: int, header: struct.Str
 
 
 def _has_all_frames(file: BinaryIO, size: int) -> bool:
-    """Whether the table of frames is there, and the frames are as long as it says."""
+    """Whether a file has the table of frames, and frames of the lengths listed there."""
     file.seek(max(0, size - SEEK_TABLE.size))
     frames, descriptor, mark = SEEK_TABLE.unpack(file.read(SEEK_TABLE.size))
     if mark != SEEK_TABLE_MARK:
@@ -249,7 +250,7 @@ def _has_all_frames(file: BinaryIO, size: int) -> bool:
 
 
 def _is_whole_stl(file: BinaryIO, size: int) -> bool:
-    """Whether it has as many triangles as its header says, as binary files have."""
+    """Whether an .stl file has the number of triangles in its header, as binary files do."""
     file.seek(80)
     return bool(size == 84 + 50 * struct.unpack("<I", file.read(4))[0])
 

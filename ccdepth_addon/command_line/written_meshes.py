@@ -21,8 +21,8 @@ from .mesh_files import BLEND, NO_NAME, read_back
 
 STL, PLY, GLB = ".stl", ".ply", ".glb"
 
-# What files have an underscore for in names: none of them keeps what could end a line; .obj files have no spaces, .usd
-# files letters and digits alone, and those of Blender 4.2 no others than ASCII has.
+# The characters that files replace by underscores in names: no format keeps characters that could end a line; .obj
+# files have no spaces, .usd files only letters and digits, in Blender 4.2 only ASCII.
 KEPT = (NO_NAME, re.compile(r"[\x00-\x20\x7f]"), re.compile(r"[\W_]+"), re.compile(r"[\W_]+", re.ASCII))
 
 # A normal, three corners and two bytes for whatever one likes; before them, a text and the number of triangles.
@@ -34,9 +34,9 @@ STL_HEADER = 84
 class Edges:
     """The ways in which triangles lie around the edges of a mesh.
 
-    are_closed: whether each edge is one of two triangles, or of another even number: the mesh has no border.
-    are_oriented: whether at each edge as many triangles run along it one way as the other, or one more at most: those
-    beside each other have the same side outside.
+    are_closed: whether each edge has two triangles, or another even number, so that the mesh has no border.
+    are_oriented: whether the numbers of triangles that run along each edge one way and the other differ by one at most,
+    so that adjacent triangles have the same side outside.
     """
 
     are_closed: bool
@@ -59,9 +59,9 @@ def shown_triangles(blender_object: bpy.types.Object) -> int:
 
 
 def read_written(path: Path, scale: float, written: Mapping[str, int]) -> list[Measured]:
-    """The objects as the file holds them, in place of the open file. scale: the unit of the file in that of the
-    surfaces. written: how many triangles each object shows, by its name. Raises CommandError when it does not hold all
-    that was written."""
+    """The objects in the file, opened in place of the open file. scale: the unit of the file in the unit of the
+    surfaces. written: the number of triangles of each object, by its name. Raises CommandError if the file does not
+    hold everything written."""
     suffix = path.suffix.lower()
     if suffix == STL:
         parts = _split(_read_stl(path), written)
@@ -84,7 +84,7 @@ def read_written(path: Path, scale: float, written: Mapping[str, int]) -> list[M
 
 
 def _read_stl(path: Path) -> Measured:
-    """The triangles of a binary STL file. Blender's own reader leaves out those that are there twice."""
+    """The triangles of a binary STL file. Blender's own reader leaves out repeated triangles."""
     corners = np.fromfile(path, dtype=STL_TRIANGLE, offset=STL_HEADER)["corners"].reshape(-1, 3).astype(np.float64)
     count = len(corners) // 3
     triangles = _joined(Triangles(corners, np.arange(3 * count).reshape(-1, 3), np.arange(count)))
@@ -92,7 +92,7 @@ def _read_stl(path: Path) -> Measured:
 
 
 def _joined(triangles: Triangles) -> Triangles:
-    """The triangles with one vertex for all that are at equal positions: they are measured faster."""
+    """The triangles with one vertex for all vertices at equal positions, as these are measured faster."""
     positions, vertices = np.unique(triangles.positions, axis=0, return_inverse=True)
     return Triangles(positions, vertices.ravel()[triangles.corners], triangles.faces)
 
@@ -114,7 +114,7 @@ def _scaled(shown: ShownMesh, scale: float) -> ShownMesh:
 
 
 def _split(whole: Measured, written: Mapping[str, int]) -> list[Measured]:
-    """The triangles of a file that holds one mesh, which come object after object."""
+    """The triangles of each object from a file with one mesh, object after object."""
     triangles, wanted = whole.shown.triangles, sum(written.values())
     if len(triangles.corners) != wanted:
         raise CommandError(f"it holds {len(triangles.corners):,} triangles, and {wanted:,} were written")
@@ -141,8 +141,8 @@ def _matched(found: list[Measured], written: Mapping[str, int]) -> list[Measured
 
 
 def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSettings) -> MeshDeviation:
-    """The distances of a part of a file from its surface, as near as it takes to tell whether it is within the
-    tolerance. Raises CommandError where it cannot be measured."""
+    """The distances of a part of a file from its surface, near enough for the verdict about the tolerance. Raises
+    CommandError if the part cannot be measured."""
     try:
         [answer] = measure(replace(target, measured=[part]), settings, no_report, is_tolerance_enough=True)
     except ValueError as fault:

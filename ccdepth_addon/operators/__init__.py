@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The operators, one file each, and what long runs share."""
+"""The operators, one file each, and the common code of long runs."""
 
 import bpy
 

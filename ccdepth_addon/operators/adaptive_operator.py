@@ -26,16 +26,16 @@ from .selected_meshes import LINKED, count_text, name_fault
 class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):
     """An operator that makes adaptive meshes or counts their faces."""
 
-    # How many faces there will be, where they were counted before.
+    # The number of faces to be made, if counted before.
     counted: int | None = None
 
     @contextmanager
     def in_object_mode(
         self, context: bpy.types.Context, objects: Sequence[bpy.types.Object], sources: Sequence[bpy.types.Object]
     ) -> Iterator[list[int]]:
-        """Leave Edit Mode while this context lasts, and end the run without one of these objects; gives what
-        ``edit_mode.left`` gives."""
-        # What is evaluated for reading looks like a change of the objects.
+        """Leave Edit Mode while this context lasts, and end the run when one of these objects is deleted. Gives the
+        list of ``edit_mode.left``."""
+        # The evaluation for reading looks like a change of the objects.
         counted = known.known_count(objects, self.settings())
         self.counted = None if counted is None else counted.faces
         self.end_without(context, [*objects, *sources])
@@ -63,8 +63,8 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         objects: Sequence[bpy.types.Object],
         text: Callable[[float], str],
     ) -> Steps[tuple[list[NewMesh], list[str]]]:
-        """Make the meshes of sources for the objects that get them; returns the meshes, and notes for the user. text:
-        of the progress in faces. Raises ComputeError."""
+        """Make the meshes of sources for their objects; returns the meshes, and notes for the user. text: of the
+        progress in faces. Raises ComputeError."""
         settings = self.settings()
         tasks = yield from prepare_adaptive(context, sources, settings, objects)
         notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
@@ -76,18 +76,18 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         return made, notes + reducer.notes
 
     def making_fault(self, blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:
-        """Why the object cannot have a mesh made from the source."""
+        """The reason why the object cannot have a mesh made from the source, or None."""
         if self.reduce and has_own_keys(source, use_modifiers=self.use_modifiers):
             return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
         return result_fault(blender_object, source)
 
     def report_made(self, made: list[NewMesh], notes: list[str], objects: list[bpy.types.Object]) -> None:
-        """Tell what was made, for these objects."""
+        """Report the meshes made for these objects."""
         for note in notes:
             self.report({"WARNING"}, printable(note))
         faces = count_text(sum(len(each.depths) for each in made), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
-        # What was cleared before it was made anew has no record.
+        # A result cleared before it was made anew has no record.
         proved = [each.data.ccdepth for each in objects if each.data.ccdepth.has_result]
         text = f"{objects_text}{faces}"
         if proved:
@@ -99,12 +99,13 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
 
 
 def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:
-    """Why the object cannot have a result of the source. Its mesh may be linked: nothing is written to it."""
+    """The reason why the object cannot have a result of the source, or None. Its mesh may be linked, as nothing is
+    written to it."""
     return name_fault(source) if blender_object.is_editable else LINKED
 
 
 def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
-    """Notes on shape keys, where what happens to them would surprise a user."""
+    """Notes on shape keys with an outcome that would surprise a user."""
     source = bpy.data.objects[task.targets[0].source]
     keys = source.data.shape_keys
     if keys is None:

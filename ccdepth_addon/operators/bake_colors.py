@@ -43,6 +43,6 @@ class CCDEPTH_OT_bake_colors(QuickOperator):
 
 
 def _kind(mesh: bpy.types.Mesh, context: bpy.types.Context) -> Shown | None:
-    """The kind of values that the heat map shows of the mesh, or else that of its last values."""
+    """The kind of values that the heat map shows of the mesh, or else the kind of its last values."""
     kind = heat_map.shown(context.scene.ccdepth)
     return kind if kind is not None and heat_map.has_shown(mesh, kind) else heat_map.last_kind(mesh)

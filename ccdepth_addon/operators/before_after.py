@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Before / After: results hidden and what they came from shown in their stead, or the other way round."""
+"""Before / After: sources shown in place of their results, or the other way round."""
 
 from typing import ClassVar
 
@@ -42,7 +42,7 @@ class CCDEPTH_OT_before_after(QuickOperator):
 
 
 def _to_hide(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected results, or without any the selected objects that results came from."""
+    """The selected results, or without any the selected sources of results."""
     selected = selected_meshes(context)
     results = [each for each in selected if result_record.is_result(each)]
     return results or [each for each in selected if out_of_date.has_results(each)]
@@ -54,8 +54,7 @@ def _left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
-    """The source of a result; of any other object, the results that are still in a scene. Raises ComputeError where
-    nothing is left."""
+    """The source of a result; for any other object, its results in scenes. Raises ComputeError if none is left."""
     if not result_record.is_result(blender_object):
         results = [each for each in result_record.results_of(blender_object) if each.users_scene]
         if not results:
@@ -74,7 +73,7 @@ def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: lis
     layer = context.view_layer
     for each in shown:
         if not each.users_scene and each.library is None:
-            # It was deleted, and is in the file because its result needs it.
+            # The object was deleted, and is in the file only because its result needs it.
             link_beside(context, hidden[0], each)
     layer.update()
     refuse(shown, lambda each: _showing_fault(context, each))
@@ -90,7 +89,7 @@ def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: lis
 
 
 def _showing_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> str | None:
-    """Why an object cannot be shown in the view layer."""
+    """The reason why an object cannot be shown in the view layer, or None."""
     if context.view_layer.objects.get(blender_object.name) != blender_object:
         scenes = [scene.name for scene in blender_object.users_scene if scene != context.scene]
         where = f"is in the scene “{scenes[0]}”" if scenes else "is not in this view layer"

@@ -59,14 +59,14 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
 
 
 def _still_there(answer: MeshDepths) -> bpy.types.Object:
-    """An object with the mesh of the answer. Raises ComputeError when it or another one has changed meanwhile."""
+    """An object with the mesh of the answer. Raises ComputeError if an object of the mesh has changed meanwhile."""
     task = answer.task
     users = [still_there((name, None), task.mesh_uid, task.face_count) for name in task.object_names]
     return users[0]
 
 
 def _modifier_notes(answer: MeshDepths) -> list[str]:
-    """Notes on modifiers whose faces the depths on the mesh cannot show."""
+    """Notes on modifiers with faces that the depths on the mesh cannot show."""
     notes = []
     if answer.added_faces:
         faces = count_text(answer.added_faces, "face", "faces")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""The values that panels tell: what each means, in its tooltip, and Copy Value."""
+"""The values in panels: their meanings, as tooltips, and Copy Value."""
 
 from typing import ClassVar
 

@@ -16,11 +16,10 @@ from .selected_meshes import count_text, hidden_fault, refuse, selected_meshes
 
 
 class CountingOperator(AdaptiveOperator):
-    """An operator that says what adaptive meshes would be like, and makes none."""
+    """An operator that predicts adaptive meshes, and makes none."""
 
     def read(self, context: bpy.types.Context) -> Steps[list[AdaptiveTask]]:
-        """Read the objects, of results the sources that Update Result would take; returns the tasks. Raises
-        ComputeError."""
+        """Read the objects, or for results the sources of Update Result; returns the tasks. Raises ComputeError."""
         objects = selected_meshes(context)
         sources = [result_record.control_object(each) for each in objects]
         faults = {

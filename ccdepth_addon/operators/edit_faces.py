@@ -22,7 +22,7 @@ class CCDEPTH_OT_edit_faces(QuickOperator):
         return None if active is not None and active.type == "MESH" else cls.not_in_edit_mode
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
+        # In vertex or edge select mode, faces between the wanted faces would be selected as well.
         context.scene.tool_settings.mesh_select_mode = (False, False, True)
         bpy.ops.object.mode_set(mode="EDIT")
         return {"FINISHED"}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Leave Edit Mode for a while, and enter it again with the same objects."""
+"""A pause of Edit Mode: it is left for a while, and entered again with the same objects."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ HIDDEN = "it is edited while it is hidden, and could not be edited again; show i
 
 @contextmanager
 def left(context: bpy.types.Context) -> Iterator[list[int]]:
-    """Leave the Edit Mode of meshes, if it is on, while this context lasts. Gives the session identifiers of the
-    objects that are edited afterwards: a list that may be changed.
+    """Leave the Edit Mode of meshes, if it is on, while this context lasts. Gives a changeable list of the session
+    identifiers of the objects to be edited afterwards.
 
-    It can be on without the active object: with Lock Object Modes off, another may become the active one meanwhile.
-    Raises ComputeError, with nothing changed, where an object could not be edited again.
+    Edit Mode can be on without the active object: with Lock Object Modes off, another object may become active
+    meanwhile. Raises ComputeError, with nothing changed, if an object could not be edited again.
     """
     layer = context.view_layer
-    # Blender's own list lacks hidden ones.
+    # Blender's own list lacks hidden objects.
     edited = [each for each in layer.objects if each.type == "MESH" and each.mode == "EDIT"]
     refuse(edited, lambda each: None if can_be_shown(each) else HIDDEN)
     if edited:
@@ -36,15 +36,15 @@ def left(context: bpy.types.Context) -> Iterator[list[int]]:
 
 
 def _enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
-    """Edit these objects and no others; what is selected and hidden stays so.
+    """Edit these objects and no others, without a change of selected and hidden objects.
 
-    Blender enters Edit Mode with what is selected and shown, but lets both change while it is on.
+    Blender enters Edit Mode with the selected and shown objects, but lets both change meanwhile.
     """
     wanted = set(uids)
     if not wanted:
         return
     layer = context.view_layer
-    # Until it is updated, the list has holes where objects were removed.
+    # Without an update, the list has holes in place of removed objects.
     layer.update()
     edited = [each for each in layer.objects if each.session_uid in wanted]
     if not edited:
@@ -63,7 +63,7 @@ def _enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
 
 
 def _set_mode(layer: bpy.types.ViewLayer, objects: list[bpy.types.Object], mode: str) -> None:
-    """Set the mode of objects that are in one mode; the active object stays the active one."""
+    """Set the mode of objects that are in one mode; the active object stays active."""
     active = layer.objects.active
     if active not in objects:
         layer.objects.active = objects[0]

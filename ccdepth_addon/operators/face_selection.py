@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Select faces, in Object Mode and in Edit Mode."""
+"""Selection of faces, in Object Mode and in Edit Mode."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from ..exchange.blender_arrays import find_attribute, read_values
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import known
 
-# Where Blender keeps what is selected in Object Mode, by domain.
+# The attributes of Blender's selection in Object Mode, by domain.
 SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_poly"}
 
 
 def selection_fault(mesh: bpy.types.Mesh) -> str | None:
-    """Why the faces of a mesh cannot be selected: another attribute has the name of Blender's selection.
+    """The reason why the faces of a mesh cannot be selected, or None: another attribute has the name of Blender's
+    selection.
 
     Writing a selection over it crashes Blender; Edit Mode keeps its selection elsewhere.
     """
@@ -32,14 +33,14 @@ def selection_fault(mesh: bpy.types.Mesh) -> str | None:
 
 
 def choose_face_mode(context: bpy.types.Context) -> None:
-    """Set the select mode of Edit Mode, while it is on: with vertices or edges selected instead, faces between the
-    wanted ones would be selected as well."""
+    """Set face select mode, in Edit Mode: in vertex or edge select mode, faces between the wanted faces would be
+    selected as well."""
     if context.mode == "EDIT_MESH":
         context.scene.tool_settings.mesh_select_mode = (False, False, True)
 
 
 def select_faces(mesh: bpy.types.Mesh, wanted: BoolArray, *, extend: bool = False) -> int:
-    """Select the visible ones of the wanted faces (F,), and unless ``extend`` nothing else; returns how many."""
+    """Select the visible faces among the wanted (F,), and unless ``extend`` nothing else; returns their number."""
     visible = wanted & ~_hidden(mesh)
     if mesh.is_editmode:
         _select_while_editing(mesh, visible, extend)
@@ -49,8 +50,8 @@ def select_faces(mesh: bpy.types.Mesh, wanted: BoolArray, *, extend: bool = Fals
 
 
 def select_these(mesh: bpy.types.Mesh, faces: IndexArray) -> int:
-    """Select the visible ones of these faces (N,) and nothing else, and make the first of them the active one; returns
-    how many there are. When all are hidden everything stays as it was."""
+    """Select the visible faces among these (N,) and nothing else, and make the first of them active; returns their
+    number. If all are hidden, nothing changes."""
     visible = faces[~_hidden(mesh)[faces]]
     if len(visible):
         wanted = np.zeros(mesh_face_count(mesh), dtype=np.bool_)
@@ -65,14 +66,14 @@ def select_these(mesh: bpy.types.Mesh, faces: IndexArray) -> int:
 
 
 def _edited(mesh: bpy.types.Mesh) -> Any:
-    """The mesh that is being edited, whose faces can be taken by number."""
+    """The edited mesh, with faces accessible by number."""
     edited = bmesh.from_edit_mesh(mesh)
     edited.faces.ensure_lookup_table()
     return edited
 
 
 def _hidden(mesh: bpy.types.Mesh) -> BoolArray:
-    """(F,): which faces are hidden."""
+    """(F,): whether each face is hidden."""
     if mesh.is_editmode:
         return np.array([face.hide for face in _edited(mesh).faces], dtype=np.bool_)
     return read_values(mesh.polygons, "hide", np.bool_)

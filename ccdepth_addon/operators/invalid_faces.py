@@ -68,8 +68,8 @@ class CCDEPTH_OT_repair(QuickOperator):
 
 
 def _invalid_faces(context: bpy.types.Context) -> dict[bpy.types.Mesh, IndexArray]:
-    """The faces at fault of the meshes that have such, rising. Raises ComputeError where only meshes as a whole are at
-    fault, naming their objects."""
+    """The faces at fault, ascending, of each mesh with any. Raises ComputeError, naming the objects, if only meshes as
+    a whole are at fault."""
     objects = selected_meshes(context)
     faults = Faults(objects)
     found: dict[bpy.types.Mesh, IndexArray] = {}
@@ -84,8 +84,8 @@ def _invalid_faces(context: bpy.types.Context) -> dict[bpy.types.Mesh, IndexArra
 
 
 def _own_faces_at_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> IndexArray:
-    """The invalid faces of the object's own mesh. Raises InvalidMeshError when those at fault are of modifiers alone,
-    or none is."""
+    """The invalid faces of the object's own mesh. Raises InvalidMeshError if only faces of modifiers, or no faces, are
+    at fault."""
     control = read_control_mesh(context, blender_object, use_modifiers=context.scene.ccdepth.use_modifiers)
     try:
         validate(control.mesh)

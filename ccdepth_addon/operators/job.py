@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long runs as steps: a generator yields what it is about to do, as a text, or work without Blender, whose answer is
-sent back. A job runs them at once, or for a while at a time with the work in a thread, so that the window stays free.
+"""Long runs as steps: a generator yields the next step as a text, or work without Blender, and receives the work's
+answer. A job runs all steps at once, or for a while at a time with the work in a thread, so that the window stays free.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ SECONDS_TO_WAIT = 0.02
 
 
 class Cancelled(Exception):
-    """The caller has given up; raised in the work, by its progress function."""
+    """The error that the progress function raises in work that the caller has given up."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """Work without Blender. text: of its progress. total: the progress at its end, where that is known."""
+    """Work without Blender. text: of its progress. total: the progress at its end, if known."""
 
     function: Callable[[Progress], Any]
     text: Callable[[float], str]
@@ -37,7 +37,7 @@ Steps = Generator[str | Work, Any, Answer]
 
 
 class Job(Generic[Answer]):
-    """The steps, how far they are, and the answer once they are done."""
+    """The steps, their progress, and the answer at their end."""
 
     def __init__(self, steps: Steps[Answer], *, in_threads: bool = False) -> None:
         self.answer: Answer | None = None
@@ -53,12 +53,12 @@ class Job(Generic[Answer]):
 
     @property
     def is_working(self) -> bool:
-        """Whether it is at work without Blender, for which nothing temporary is in the file but what no scene has."""
+        """Whether work without Blender is going on; temporary data in the file are then outside all scenes."""
         return isinstance(self._step, Work)
 
     @property
     def fraction(self) -> float | None:
-        """The part of the work that is done, where that is known."""
+        """The fraction of the work done, if known."""
         total = self._step.total if isinstance(self._step, Work) else None
         return min(self._progress / total, 1.0) if total else None
 
@@ -67,7 +67,7 @@ class Job(Generic[Answer]):
         return 0.0 if self._thread is None else self._thread.progress
 
     def run(self, seconds: float = inf) -> bool:
-        """Go on for so many seconds; True when it is done. Raises what the steps and their work raise."""
+        """Go on for a number of seconds; True when done. Raises errors of the steps and their work."""
         until = perf_counter() + seconds
         while not self.is_done and perf_counter() < until:
             if not isinstance(self._step, Work):
@@ -79,7 +79,7 @@ class Job(Generic[Answer]):
                 self._thread.join(SECONDS_TO_WAIT)
             else:
                 thread, self._thread = self._thread, None
-                # Where the steps clean up after a fault, they do.
+                # The steps may clean up after a fault.
                 if thread.fault is not None:
                     self._go_on(self._steps.throw, thread.fault)
                 else:

@@ -31,7 +31,7 @@ NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE
 
 
 class LongOperator(properties.ToleranceProperties, MeshOperator):
-    """An operator that works in steps: at once from a script; from the window with progress, and Esc cancels it.
+    """An operator that works in steps: at once from a script; from the window with progress, until Esc cancels the run.
 
     Settings that the caller does not set come from the scene, which has them under the same names.
     """
@@ -42,7 +42,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
     # The session identifiers of the objects without which it is of no use to go on.
     _needed: frozenset[int] = frozenset()
 
-    # Whether the file is to be saved as soon as nothing temporary is in it.
+    # Whether to save the file as soon as it contains nothing temporary.
     _is_save_wanted = False
 
     tolerance: properties.absolute_tolerance_property()
@@ -54,16 +54,16 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
     )
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        """Read the objects, compute, and write the answer, all of it or nothing; returns what ``execute`` returns.
-        However the run ends, the steps put back what they changed meanwhile. Raises ComputeError."""
+        """Read the objects, compute, and write the whole answer or nothing; returns the status of ``execute``. At any
+        end of the run, the steps restore everything changed meanwhile. Raises ComputeError."""
         raise NotImplementedError
 
     def end_without(self, context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
-        """Have the run end as soon as one of these is deleted."""
+        """Let the run end as soon as one of these objects is deleted."""
         self._needed = _present(context) & {each.session_uid for each in objects}
 
     def report_skipped(self, context: bpy.types.Context) -> None:
-        """Report how many selected objects have no mesh, if there are any."""
+        """Report the number of selected objects without a mesh, if there are any."""
         skipped = sum(obj.type != "MESH" for obj in context.selected_objects)
         if skipped:
             objects = count_text(skipped, "selected object", "selected objects")
@@ -123,7 +123,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         return self._go_on(context, seconds)
 
     def _go_on(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
-        """Work for so long; returns what the operator returns at its end, and None before."""
+        """Work for a while; returns the operator's status at its end, and None before."""
         try:
             if self._run is None:
                 in_threads = self.options.is_invoke and not bpy.app.background
@@ -173,7 +173,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             context.window.cursor_modal_restore()
 
     def _take_settings(self, settings: bpy.types.PropertyGroup) -> None:
-        """Read from the scene what the caller did not set."""
+        """Read the settings that the caller did not set from the scene."""
         for name in properties.setting_names(type(self)):
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(settings, name))
@@ -181,7 +181,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             self.tolerance = getattr(settings, properties.tolerance_name(self.tolerance_mode))
 
     def _keep_settings(self, settings: bpy.types.PropertyGroup) -> None:
-        """Write to the scene what was chosen in the redo panel."""
+        """Write the settings of the redo panel to the scene."""
         for name in properties.setting_names(type(self)):
             setattr(settings, name, getattr(self, name))
         properties.set_scene_tolerance(settings, self.tolerance)
@@ -189,5 +189,5 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
 
 def _present(context: bpy.types.Context) -> frozenset[int]:
     """The session identifiers of all objects in the view layer."""
-    # Until it is updated, the list has holes where objects were removed.
+    # Without an update, the list has holes in place of removed objects.
     return frozenset(each.session_uid for each in context.view_layer.objects if each is not None)

@@ -20,7 +20,7 @@ from .job import Steps, Work
 from .long_operator import LongOperator
 from .selected_meshes import refuse_what_cannot_be_written, selected_meshes, still_there
 
-# What ended a measurement before its time, by whether that was the Time Limit.
+# The cause of an early end of a measurement, by whether it was the Time Limit.
 ENDED = {
     True: "the Time Limit is over: raise the limit, or set 0 for none",
     False: "the rest would take too much memory: measure parts of the object, or a coarser mesh",
@@ -72,8 +72,8 @@ def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, 
 
 
 def surface_object(measured: bpy.types.Object) -> bpy.types.Object:
-    """The object to whose limit surface one that is selected alone is measured: of a result of Apply Adaptive
-    Subdivision the one it was made from. Raises ComputeError when that has been removed."""
+    """The object of the limit surface for an object selected alone: itself, or for a result of Apply Adaptive
+    Subdivision its source. Raises ComputeError for a removed source."""
     if not result_record.is_result(measured):
         return measured
     source = result_record.source_of(measured)
@@ -84,7 +84,7 @@ def surface_object(measured: bpy.types.Object) -> bpy.types.Object:
 
 
 def _still_there(answer: MeshDeviation) -> bpy.types.Object:
-    """The object to write the answer to. Raises ComputeError when one of the objects has changed since it was read."""
+    """The object to write the answer to. Raises ComputeError if an object has changed since it was read."""
     for name in (*answer.object_names, answer.against):
         still_there(name)
     return still_there(answer.measured, answer.mesh_uid, len(answer.deviations))

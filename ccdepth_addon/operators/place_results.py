@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive answers → objects: new meshes with everything of the old ones, in place of these, beside the objects, or in
-results that there are already, which keep everything but their meshes."""
+"""Adaptive answers → objects: new meshes with all data of the old meshes, in their place, beside the objects, or in
+existing results, which keep everything but their meshes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NAME_SUFFIX = " Adaptive"
 
 @dataclass(frozen=True)
 class NewMesh:
-    """An answer, the session identifier of the mesh made for it, that mesh's checksum, and (F,) int32 its depths."""
+    """An answer, the session identifier of the mesh made for it, the mesh's checksum, and its depths, (F,) int32."""
 
     answer: AdaptiveAnswer
     mesh_uid: int
@@ -44,7 +44,7 @@ class NewMesh:
 
 @dataclass
 class _Place:
-    """A mesh to place. users: the objects that get it, and sources: what it was made from for each of them."""
+    """A mesh to place. users: the objects that get it; sources: the source for each of them."""
 
     made: NewMesh
     mesh: bpy.types.Mesh
@@ -57,7 +57,7 @@ def make_meshes(
 ) -> Generator[str, None, list[NewMesh]]:
     """Make the adaptive meshes in Object Mode, all or none; yields the stage.
 
-    Nothing else changes, and no object uses them before they are placed. Raises ComputeError when an object has changed
+    Nothing else changes, and no object uses a mesh before it is placed. Raises ComputeError if an object has changed
     since it was read.
     """
     made: list[NewMesh] = []
@@ -80,10 +80,10 @@ def make_meshes(
 def place_meshes(
     context: bpy.types.Context, made: list[NewMesh], settings: AdaptiveSettings, *, in_place: bool
 ) -> list[tuple[bpy.types.Object, bpy.types.Object]]:
-    """Put meshes in the place of those they were made from, or in new objects beside the originals, which are hidden.
+    """Put meshes in place of their originals, or in new objects beside the hidden originals.
 
-    All or none; returns each object that has a result, and its source. Raises ComputeError, with nothing changed and
-    the meshes removed, when an object is no longer what it was.
+    All or none; returns each object with a result, and its source. Raises ComputeError, with nothing changed and the
+    meshes removed, if an object has changed.
     """
     with _placing(context, made) as (places, undo):
         if in_place:
@@ -98,8 +98,8 @@ def place_meshes(
 
 @contextmanager
 def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[list[_Place], ExitStack]]:
-    """The meshes to place within this context, and a stack that undoes it where it fails: the meshes are removed then.
-    Afterwards their dependencies are recorded. Raises ComputeError when an object is no longer what it was."""
+    """The meshes to place within this context, and a stack that undoes a failed placing and removes the meshes.
+    Afterwards the dependencies are recorded. Raises ComputeError if an object has changed."""
     meshes = meshes_with(each.mesh_uid for each in made)
     try:
         places = [
@@ -122,7 +122,7 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
 
 
 def _sources(answer: AdaptiveAnswer) -> list[bpy.types.Object]:
-    """The objects the result is made from. Raises ComputeError when one of them has changed since it was read."""
+    """The sources of the result. Raises ComputeError if one of them has changed since it was read."""
     return [still_there(target.source, answer.task.mesh_uid) for target in answer.task.targets]
 
 
@@ -151,12 +151,12 @@ def _make_mesh(
 
 
 def _place_instead(places: list[_Place], settings: AdaptiveSettings, undo: ExitStack) -> None:
-    """Let each mesh take the place of that of its objects."""
+    """Let each mesh take the place of its objects' mesh."""
     old = [place.users[0].data for place in places]
     names = [mesh.name for mesh in old]
     for place in places:
         _give_mesh(place.mesh, place.users, undo)
-    # What follows cannot be undone; of objects that are this file's own it does not fail.
+    # The next steps cannot be undone; with the file's own objects they do not fail.
     for place in places:
         for user in place.users:
             _remove_applied_modifiers(user, settings)
@@ -166,11 +166,11 @@ def _place_instead(places: list[_Place], settings: AdaptiveSettings, undo: ExitS
 
 
 def _give_mesh(mesh: bpy.types.Mesh, users: Iterable[bpy.types.Object], undo: ExitStack) -> None:
-    """Let objects use a mesh. Raises ComputeError when one does not take it."""
+    """Let objects use a mesh. Raises ComputeError if an object does not take the mesh."""
     for user in users:
         undo.callback(setattr, user, "data", user.data)
         user.data = mesh
-        # In Edit Mode Blender says nothing, and does nothing.
+        # In Edit Mode Blender silently does nothing.
         if user.data != mesh:
             raise ComputeError(CHANGED)
 
@@ -182,9 +182,10 @@ def _place_beside(
     settings: AdaptiveSettings,
     undo: ExitStack,
 ) -> bpy.types.Object:
-    """A copy of the object with the mesh, selected in its stead, and the object hidden, from the render as well."""
+    """A copy of the object with the mesh, selected instead of the object; the object is hidden, from the render as
+    well."""
     if not original.visible_get():
-        # It was, and one that has left the view layer can neither be hidden nor selected.
+        # The object was selected, and an object outside the view layer can neither be hidden nor selected.
         raise ComputeError(CHANGED)
     copy = own_copy(original)
     undo.callback(bpy.data.objects.remove, copy)
@@ -202,7 +203,7 @@ def _place_beside(
 
 
 def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bool) -> None:
-    """Show the objects that get a result again."""
+    """Show the objects with new results again."""
     original.hide_render = render_hidden
     original.hide_set(False)
     original.select_set(selected)
@@ -210,7 +211,7 @@ def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bo
 
 def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: dict[str, Any]) -> list[str]:
     """Give each mesh to its results, and to the objects that share their mesh; returns notes for the user. Raises
-    ComputeError, with nothing changed, when an object is no longer what it was."""
+    ComputeError, with nothing changed, if an object has changed."""
     with _placing(context, made) as (places, undo):
         old = [place.users[0].data for place in places]
         cleared = [not mesh_values.has_depths(mesh) for mesh in old]
@@ -219,9 +220,9 @@ def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: 
         for place, users in zip(places, _with_sharing(places), strict=True):
             _keep_materials(place.mesh, users)
             _give_mesh(place.mesh, users, undo)
-        # What follows cannot be undone, and does not fail.
+        # The next steps cannot be undone, and do not fail.
         notes = _take_places(places, old, edited)
-    # The tolerance is proved for these alone, and not for objects of other scales that share their meshes.
+    # The tolerance is proved only for these objects, and not for objects of other scales that share their meshes.
     for place, from_source, was_cleared in zip(places, materials, cleared, strict=True):
         if was_cleared:
             mesh_values.clear(place.mesh)
@@ -231,7 +232,7 @@ def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: 
 
 
 def _with_sharing(places: list[_Place]) -> list[list[bpy.types.Object]]:
-    """The results, each with objects that share its mesh and are to go on doing so."""
+    """The results, each with the objects that share its mesh, and will share the new one."""
     named = {user for place in places for user in place.users}
     sharing: dict[bpy.types.Mesh, list[bpy.types.Object]] = {}
     for other in bpy.data.objects:
@@ -241,7 +242,7 @@ def _with_sharing(places: list[_Place]) -> list[list[bpy.types.Object]]:
 
 
 def _keep_materials(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> None:
-    """Put the materials that a user chose for the result in the place of those of the source."""
+    """Keep the materials that a user chose for the result, in place of the source's."""
     result = users[0]
     recorded = [each.material for each in result.ccdepth.materials]
     for index, material in enumerate(result.data.materials):
@@ -257,8 +258,8 @@ def _keep_materials(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> 
 def _take_places(
     places: Sequence[_Place], old: Sequence[bpy.types.Mesh], edited: Sequence[bpy.types.Mesh]
 ) -> list[str]:
-    """Remove the meshes that nothing uses any more, keep those that a user edited, and give their names to the new
-    ones; returns what to tell of it. A mesh whose place several took gives its name to the first."""
+    """Remove unused old meshes, keep meshes edited by a user, and give their names to the new meshes; returns notes for
+    the user. A mesh replaced by several gives its name to the first."""
     notes = []
     first = dict(reversed([*zip(old, places, strict=True)]))
     for before, place in first.items():

@@ -23,20 +23,20 @@ from ..tasks.surfaces import naming
 from .job import Steps, Work
 from .place_results import NewMesh, make_meshes
 
-# Where thinner lines are too far off at some places, these places are tried without, so often.
+# The number of times that thinning is tried again without the places where thinner lines are too far off.
 ROUNDS_FOR_LINES = 4
 
 
 class Reducer:
-    """Makes reduced meshes, one after the other. notes: what to tell the user."""
+    """A maker of reduced meshes, one after the other. notes: for the user."""
 
     def __init__(self, context: bpy.types.Context, settings: AdaptiveSettings, *, exact_normals: bool) -> None:
         self.notes: list[str] = []
         self._context, self._settings, self._exact_normals = context, settings, exact_normals
 
     def make(self, answers: list[AdaptiveAnswer]) -> Steps[list[NewMesh]]:
-        """The meshes of all answers, or none; yields the stage. Where nothing is gained, that is the adaptive mesh
-        itself. Raises ComputeError when an object has changed since it was read."""
+        """The meshes of all answers, or none; yields the stage. Without a gain a mesh is the adaptive mesh itself.
+        Raises ComputeError if an object has changed since it was read."""
         made: list[NewMesh] = []
         try:
             for answer in answers:
@@ -55,7 +55,7 @@ class Reducer:
         return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=self._exact_normals))
 
     def _reduced(self, answer: AdaptiveAnswer) -> Steps[NewMesh | None]:
-        """The reduced mesh of an answer; None where it has no fewer triangles, or more than there may be faces."""
+        """The reduced mesh of an answer; None without fewer triangles, or above the largest number of faces."""
         text = "Subdividing finer, to be reduced: {:,.0f} faces so far".format
         start = yield Work(partial(finer_answer, answer, self._settings), text)
         (made,) = yield from self._unreduced(start)
@@ -77,8 +77,8 @@ class Reducer:
             raise
 
     def _reduce(self, answer: AdaptiveAnswer, mesh: bpy.types.Mesh) -> Steps[FloatArray | None]:
-        """Reduce a mesh, which has no shape keys; returns (T,) the proved distances of its triangles, or None where
-        nothing is proved, and the mesh is as it was."""
+        """Reduce a mesh without shape keys; returns the proved distances of its triangles (T,), or None, with the mesh
+        unchanged, without a proof."""
         task = answer.task
         normals = CarriedNormals(mesh) if self._exact_normals else None
         decimation = Decimation(mesh, task.control.world, task.surface.tolerance)
@@ -97,7 +97,7 @@ class Reducer:
         return None if found is None else found.bounds
 
     def _thin_lines(self, search: Reduction, decimation: Decimation) -> Steps[None]:
-        """Remove the vertices that lines can do without, and fix the others."""
+        """Remove superfluous vertices of lines, and fix the others."""
         lines = np.unique(np.concatenate([decimation.lines(), decimation.borders()]), axis=0)
         may_go = np.ones(len(search.current.positions), dtype=bool)
         for _ in range(ROUNDS_FOR_LINES if len(lines) else 0):
@@ -114,7 +114,7 @@ class Reducer:
         search.begin_with(current, is_fixed)
 
     def _search(self, search: Reduction, decimation: Decimation) -> Steps[Proof | None]:
-        """Reduce step by step; returns what was kept, or None where nothing is proved."""
+        """Reduce step by step; returns the kept proof, or None without a proof."""
         while (attempt := search.attempt()) is not None:
             before = f"Reducing: {len(search.current.corners):,} triangles"
             yield before

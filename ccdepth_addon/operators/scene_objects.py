@@ -7,7 +7,7 @@ import bpy
 
 
 def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.types.Object) -> None:
-    """Link an object to the collections of another, or to the scene's when all of those are linked or overrides, which
+    """Link an object to the collections of another, or to the scene's if all of them are linked or overrides, which
     accept no objects."""
     collections = other.users_collection
     own = [collection for collection in collections if collection.is_editable and not collection.override_library]
@@ -16,14 +16,14 @@ def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.
 
 
 def show_in_local_view(context: bpy.types.Context, blender_object: bpy.types.Object) -> None:
-    """Show the object in the 3D View that the operator was called from, if that is in local view."""
+    """Show the object in the operator's 3D View, if that is in local view."""
     space = context.space_data
     if space is not None and space.type == "VIEW_3D" and space.local_view:
         blender_object.local_view_set(space, True)
 
 
 def can_be_shown(blender_object: bpy.types.Object) -> bool:
-    """Whether an object is shown once the eye that hides it is open."""
+    """Whether an object is shown once its closed eye is open."""
     is_hidden = blender_object.hide_get()
     blender_object.hide_set(False)
     is_shown = blender_object.visible_get()

@@ -19,7 +19,7 @@ from ..ui.printable import printable
 from . import face_selection
 from .selected_meshes import QuickOperator, refuse, selected_meshes
 
-# A framed face is shown with its surroundings: so many times its own size.
+# The size of a framed view, with the face's surroundings, in sizes of the face.
 SURROUNDINGS = 6.0
 
 # A view is turned when it shows less than this part of a face's area: it is seen from behind, or nearly edge-on.
@@ -70,8 +70,8 @@ def _measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def _frame(context: bpy.types.Context, worst: bpy.types.Object) -> None:
-    """Move the 3D View the operator was called from, or else all of them, to the worst place of an object, and turn it
-    where that would not show the face."""
+    """Move the operator's 3D View, or else all 3D Views, to the worst place of an object, and turn a view that would
+    not show the face."""
     found = worst.data.ccdepth.measurement
     corners, normal = _corners_and_normal(worst, found.worst_face)
     size = SURROUNDINGS * float(np.linalg.norm(np.ptp(corners, axis=0)))
@@ -84,7 +84,7 @@ def _frame(context: bpy.types.Context, worst: bpy.types.Object) -> None:
 
 
 def _turn_towards(region: bpy.types.RegionView3D, normal: Vector) -> None:
-    """Have a view look at the front of a face; one that does, or is locked, stays. normal: zero where it is unknown."""
+    """Turn a view to the front of a face, except views already facing it, or locked. normal: zero if unknown."""
     shown = normal.dot(region.view_rotation @ Vector((0.0, 0.0, 1.0)))
     if normal.length and shown < LEAST_SHOWN and not region.lock_rotation:
         region.view_rotation = normal.to_track_quat("Z", "Y")
@@ -99,8 +99,8 @@ def _regions(context: bpy.types.Context) -> list[bpy.types.RegionView3D]:
 
 
 def _corners_and_normal(worst: bpy.types.Object, face: int) -> tuple[NDArray[np.float64], Vector]:
-    """The corners (n, 3) of a face, as large and turned as in the scene but around the object's origin, and its unit
-    normal; where the mesh has no such face, the corners of the box around the object, and zero."""
+    """The corners (n, 3) of a face, with the scene's scale and rotation but around the object's origin, and its unit
+    normal; without such a face, the corners of the box around the object, and zero."""
     place = np.array(worst.matrix_world, dtype=np.float64)[:3, :3]
     if not 0 <= face < mesh_face_count(worst.data):
         return np.array(worst.bound_box) @ place.T, Vector((0.0, 0.0, 0.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators on meshes: which objects they work on, and why they refuse some."""
+"""Operators on meshes: the objects that they work on, and the reasons why they refuse some."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ LINKED = "the object is linked from another file; make it local first"
 
 
 def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The mesh objects an operator works on: the selected ones, or the active one when nothing is selected.
+    """The mesh objects of an operator: the selected objects, or the active object if nothing is selected.
 
-    In Edit Mode: those being edited, and selected ones that share a mesh with them; undo covers no others there.
+    In Edit Mode: the edited objects, and selected objects that share a mesh with them; undo covers no others there.
     """
     if context.mode == "EDIT_MESH":
         edited = dict.fromkeys([*context.objects_in_mode, *context.selected_objects])
@@ -34,13 +34,14 @@ def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 class MeshOperator(bpy.types.Operator):
-    """An operator that works on mesh objects. not_in_edit_mode: why it does not work in Edit Mode, if it does not."""
+    """An operator that works on mesh objects. not_in_edit_mode: the reason why it does not work in Edit Mode, if
+    any."""
 
     not_in_edit_mode: ClassVar[str] = ""
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
-        """The missing thing that the operator cannot work without, if any; asked for where meshes are selected."""
+        """The missing thing that the operator needs, if any; asked for if meshes are selected."""
         return None
 
     @classmethod
@@ -57,10 +58,10 @@ class MeshOperator(bpy.types.Operator):
 
 
 class QuickOperator(MeshOperator):
-    """An operator that works on meshes without a pause, and reports what it refuses."""
+    """An operator that works on meshes without a pause, and reports refusals."""
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        """Do the work; returns what ``execute`` returns. Raises ComputeError, with nothing changed."""
+        """Do the work; returns the status of ``execute``. Raises ComputeError, with nothing changed."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -78,8 +79,8 @@ def count_text(number: int, one: str, many: str) -> str:
 def still_there(
     name: str | tuple[str, str | None], mesh_uid: int | None = None, face_count: int | None = None
 ) -> bpy.types.Object:
-    """The object of a name, or of a name and a library, as it was read. Raises ComputeError when there is none with a
-    mesh any more, or this is another mesh than it was, or one with another number of faces."""
+    """The unchanged object of a name, or of a name and a library. Raises ComputeError if it is gone, or has no mesh,
+    another mesh, or another number of faces."""
     found = bpy.data.objects.get(name)
     if (
         found is None
@@ -92,7 +93,7 @@ def still_there(
 
 
 def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:
-    """Raise ComputeError naming every object that is hidden, or whose mesh cannot hold values."""
+    """Raise ComputeError naming every hidden object, and every object with a mesh that cannot hold values."""
     refuse(objects, lambda obj: hidden_fault(obj) or mesh_fault(obj.data) or name_fault(obj))
 
 
@@ -108,7 +109,7 @@ def hidden_fault(blender_object: bpy.types.Object) -> str | None:
 
 
 def mesh_fault(mesh: bpy.types.Mesh) -> str | None:
-    """Why the mesh cannot be written to."""
+    """The reason why the mesh cannot be written to, or None."""
     if not mesh.is_editable:
         return "the mesh is linked from another file and cannot be written to; make it local first"
     if mesh.override_library is not None:
@@ -117,7 +118,7 @@ def mesh_fault(mesh: bpy.types.Mesh) -> str | None:
 
 
 def name_fault(blender_object: bpy.types.Object) -> str | None:
-    """The report about an attribute or a vertex group whose name our values need."""
+    """The report about an attribute or a vertex group with a name that our values need."""
     name = conflict(blender_object)
     if name is not None:
         return f"the mesh has an attribute or a vertex group of its own called “{name}”; rename it first"

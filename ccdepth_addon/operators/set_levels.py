@@ -49,12 +49,12 @@ def _has_depths(blender_object: bpy.types.Object) -> bool:
 
 
 def _is_left_alone(blender_object: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
-    """Whether the object is a result of Apply Adaptive Subdivision, which is not to be subdivided itself."""
+    """Whether the object is a result of Apply Adaptive Subdivision, not to be subdivided itself."""
     return result_record.is_result(blender_object) and not settings.subdivide_results
 
 
 def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bpy.types.PropertyGroup) -> str | None:
-    """Why the object's levels cannot be set, if they cannot."""
+    """The reason why the object's levels cannot be set, or None."""
     if not _has_depths(blender_object):
         return "it has no depths; compute them first"
     if _is_left_alone(blender_object, settings):
@@ -86,7 +86,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
 
 
 def _way_out(blender_object: bpy.types.Object, deep: mesh_values.TooDeep, settings: bpy.types.PropertyGroup) -> str:
-    """A hint at the faces that are the cause, and at the operator that divides the others less."""
+    """A hint at the faces that need the level, and at the operator that divides the others less."""
     if not deep.faces_beyond:
         return ""
     cause = count_text(deep.faces_beyond, "face needs", "faces need")

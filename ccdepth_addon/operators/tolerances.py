@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""Tolerances at the press of a button: one that fits the Face Limit, and presets."""
+"""Tolerances at the press of a button: the tolerance for the Face Limit, and presets."""
 
 from typing import ClassVar
 
@@ -52,7 +52,7 @@ class CCDEPTH_OT_tolerance_preset_add(AddPresetBase, bpy.types.Operator):
     bl_label = "Add Tolerance Preset"
     preset_menu = "CCDEPTH_PT_tolerance_presets"
     preset_subdir = properties.TOLERANCE_PRESETS
-    # In full: with Python 3.13 Blender 4.3 does not find what ``preset_defines`` defines.
+    # In full, as Blender 4.3 with Python 3.13 does not find the names of ``preset_defines``.
     preset_values: ClassVar[list[str]] = [
         "bpy.context.scene.ccdepth.tolerance_mode",
         "bpy.context.scene.ccdepth.relative_tolerance",

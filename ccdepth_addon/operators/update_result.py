@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Update Result, at the press of its button or because a source was edited."""
+"""Update Result, at the press of its button or after an edit of a source."""
 
 from collections.abc import Collection
 from typing import ClassVar
@@ -15,17 +15,17 @@ from .long_operator import NAVIGATION_EVENTS
 from .place_results import place_in_results
 from .selected_meshes import LINKED, refuse, selected_meshes
 
-# While one of these runs, results that are kept updated wait: their names begin so.
+# The prefixes of operators for which results with Keep Updated wait.
 OPERATORS_WAITED_FOR = ("CCDEPTH_OT_", "TRANSFORM_OT_")
 
 NOT_EVALUATED = "it is in no shown collection of this view layer, so its size in the scene is not known; show it first"
 
 
 class UpdatingOperator(MakingOperator):
-    """An operator that makes results anew from the objects they came from."""
+    """An operator that makes results anew from their sources."""
 
     def updated(self, context: bpy.types.Context, chosen: list[bpy.types.Object]) -> Steps[set[str]]:
-        """Make results anew, and with them those that share their meshes where their scale is known."""
+        """Make results anew, together with the results of known scale that share their meshes."""
         shared = {result.data for result in chosen}
         sharing = [each for each in bpy.data.objects if each.data in shared and result_record.is_result(each)]
         depsgraph = context.evaluated_depsgraph_get()
@@ -63,7 +63,7 @@ class CCDEPTH_OT_update(UpdatingOperator):
         return "Select a result of Apply Adaptive Subdivision, or the object it came from"
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        """Make the selected results anew, and those of other selected objects."""
+        """Make the selected results anew, and the results of other selected objects."""
         selected = selected_meshes(context)
         results = [each for each in selected if result_record.is_result(each)]
         of_sources = [
@@ -90,13 +90,13 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
         return context.mode == "OBJECT" and bool(_due_in(context))
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        """Take up those that were made with the same settings as the first; the others have their turn."""
+        """Make the results with the settings of the first one anew; the others have their turn later."""
         first, *others = _due_in(context)
         record = first.ccdepth
         settings = result_record.made_with(record, record.tolerance)
         alike = [each for each in others if result_record.made_with(each.ccdepth, each.ccdepth.tolerance) == settings]
         self._uids = [each.session_uid for each in (first, *alike)]
-        # Whatever comes of it, it is not tried again before the source is edited again.
+        # After success or failure, the next try follows only the next edit of the source.
         out_of_date.no_longer_due(self._uids)
         for name, value in settings.items():
             setattr(self, name, value)
@@ -115,14 +115,14 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
         return {"PASS_THROUGH"} if status == {"RUNNING_MODAL"} else status
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
-        """Without a message in the way: nobody has pressed a button."""
+        """Report a refusal without a message in the way, as nobody has pressed a button."""
         self._end()
         self.report({"WARNING"}, f"Not kept updated: {printable_lines(str(fault))}")
         return {"CANCELLED"}
 
 
 def _source_fault(result: bpy.types.Object, together: Collection[bpy.types.Object], use_modifiers: bool) -> str | None:
-    """Why a result cannot be made anew from its source. together: all those that are made anew."""
+    """The reason why a result cannot be made anew from its source, or None. together: all results made anew."""
     source = result_record.source_of(result)
     called = f"its source “{result.ccdepth.source_name if source is None else source.name}”"
     if source is None:
@@ -139,18 +139,18 @@ def _source_fault(result: bpy.types.Object, together: Collection[bpy.types.Objec
 
 
 def _is_evaluated(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
-    """Whether Blender knows where the object is in the scene; also of objects hidden in the view layer."""
+    """Whether Blender knows the object's place in the scene, even if hidden in the view layer."""
     return bool(blender_object.evaluated_get(depsgraph).is_evaluated)
 
 
 def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The results in the view layer that are to be made anew because their sources were edited."""
+    """The results in the view layer to be made anew after edits of their sources."""
     present = context.view_layer.objects
     return [each for each in out_of_date.due_results() if each.is_editable and present.get(each.name) == each]
 
 
 def _start_keeping_updated() -> bool:
-    """Make what is due anew, in the first window whose view layer has any of it."""
+    """Make due results anew, in the first window with any of them in its view layer."""
     manager = bpy.context.window_manager
     is_due = bool(out_of_date.due_results()) and not bpy.app.background
     for window in manager.windows if manager and is_due else ():

@@ -38,7 +38,7 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
         if not results or settings.subdivide_results:
             draw_main_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
         if not results and active is not None and out_of_date.has_results(active):
-            # Where it is when the result is shown, so that the mouse stays.
+            # At the same place as with the result shown, so that the mouse stays.
             layout.operator("ccdepth.before_after", icon="LOOP_FORWARDS")
             layout.operator("ccdepth.update", icon="FILE_REFRESH")
         if not chosen_meshes(context):
@@ -114,7 +114,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     if not count.are_too_many:
         draw_facts(layout, [count_fact(count.faces, reduced=settings.reduce)])
         return
-    # In one row, like the button that was there: nothing below it moves.
+    # In one row, like the button before, so that nothing below moves.
     split = layout.split(factor=0.55, align=True)
     draw_alert(split, f"{short_count(count.faces)} faces")
     split.operator("ccdepth.find_tolerance", icon="VIEWZOOM").face_budget = settings.max_faces

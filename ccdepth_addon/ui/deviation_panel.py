@@ -12,7 +12,7 @@ from .facts import draw_facts, facts_of_measurement
 from .panels import draw_main_button, draw_selecting, draw_state_line
 from .sidebar import SidebarPanel, settings_column
 
-# How a verdict is shown: icon and text.
+# The icon and the text of each verdict.
 VERDICTS = {
     "MET": ("CHECKMARK", "Met"),
     "NOT_MET": ("CANCEL", "Exceeded"),
@@ -52,7 +52,7 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
 
 
 def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The object whose measurement is told."""
+    """The object whose measurement the panel shows."""
     found = measured_to_show(context) or context.active_object
     return found if found is not None and found.type == "MESH" and mesh_values.has_deviation(found.data) else None
 

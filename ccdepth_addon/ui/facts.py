@@ -68,7 +68,7 @@ def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[
 
 
 def _deepest(records: Sequence[bpy.types.PropertyGroup]) -> Fact:
-    """The deepest depth; of one over frames, with the worst of these."""
+    """The deepest depth; over frames, with the worst frame."""
     worst = max(records, key=lambda record: record.deepest)
     at_frame = f" at frame {worst.worst_frame}" if worst.frames and len(records) == 1 else ""
     meaning = "The largest number of levels that a face needs to be within the tolerance of the limit surface"

@@ -36,10 +36,10 @@ COLORS = {
 }
 BACKGROUND_COLOR = (0.08, 0.08, 0.08, 0.85)
 
-# How far the label is from its place, and the room around its text, at an interface scale of 1.
+# The distance of the label from its place, and the room around its text, at an interface scale of 1.
 REACH, PADDING = 28, 5
 
-# What the navigation gizmo takes at the top right, at an interface scale of 1.
+# The room of the navigation gizmo at the top right, at an interface scale of 1.
 GIZMO_WIDTH, GIZMO_HEIGHT = 100, 250
 
 # Seconds after which it has taken long to put the legend together, and for how many times as long it is kept then.
@@ -82,7 +82,7 @@ def _draw_legend(context: bpy.types.Context, scale: float) -> None:
 
 
 def _wanted(context: bpy.types.Context) -> Legend | None:
-    """The legend; one of very many objects takes a while to put together, and is kept for some time."""
+    """The legend, kept for some time, as a legend of very many objects takes a while to make."""
     global _kept
     scene, started = context.scene, monotonic()
     layer = scene.name, context.view_layer.name, scene.ccdepth.heat_map
@@ -103,7 +103,7 @@ def _redraw() -> None:
 
 
 def _obstacles(context: bpy.types.Context, window: bpy.types.Region, scale: float) -> list[Rectangle]:
-    """The rectangles of the region that something else is drawn over."""
+    """The rectangles of the region with something else drawn over them."""
     found = [
         Rectangle(each.x, each.y, each.x + each.width, each.y + each.height)
         for each in context.area.regions
@@ -157,7 +157,7 @@ def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
     place = location_3d_to_region_2d(context.region, context.region_data, Vector(record.measurement.worst_point))
     if place is None:
         return
-    # That distance is really there.
+    # The reached distance is really there.
     text = length_text(context.scene, record.deviation_reached, Rounding.DOWN)
     blf.size(FONT, FONT_SIZE * scale)
     width, height = blf.dimensions(FONT, text)

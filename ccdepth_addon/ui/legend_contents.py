@@ -59,8 +59,8 @@ class Legend:
 
 
 def legend(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Object]) -> Legend:
-    """The legend of objects that have values of this kind."""
-    # By the tolerance, the largest value.
+    """The legend of objects with values of a kind."""
+    # The largest values by their tolerances.
     found: dict[float, float] = {}
     for mesh in {each.data for each in objects}:
         tolerance = tolerance_of(mesh, kind)
@@ -74,12 +74,12 @@ def legend(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Obje
 
 
 def short_name(name: str) -> str:
-    """The name, cut where it is long."""
+    """The name, cut if long."""
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
 
 def depth_rows(objects: Sequence[bpy.types.Object]) -> list[Row]:
-    """A row for each colour of the depths of these objects, the deepest first."""
+    """A row for each colour of the objects' depths, the deepest first."""
     counts, faces = faces_by_depth(objects), dict[int, int]()
     for depth, number in counts.items():
         shown = min(depth, LAST_DEPTH)
@@ -91,7 +91,7 @@ def depth_rows(objects: Sequence[bpy.types.Object]) -> list[Row]:
 
 
 def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float], plain: Legend) -> Legend:
-    """The legend with a scale; where tolerances differ and end the scale, in parts of them. found: by the tolerance,
+    """The legend with a scale, in parts of the tolerances if they differ and end the scale. found: by the tolerance,
     the largest distance."""
     largest = max(found.values())
     tops = {top(kind, tolerance, scene.ccdepth) for tolerance in found}
@@ -111,7 +111,7 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
 
 
 def distance_marks(top: Decimal, tolerance: Decimal, gap: float) -> list[Mark]:
-    """The marks of a scale up to ``top``, from the lowest on. gap: what a number takes, as a part of the height."""
+    """The marks of a scale up to ``top``, from the lowest on. gap: the height of a number, as a part of the scale's."""
     wanted = [(tolerance, TOLERANCE)] if tolerance <= top else []
     wanted += [(top, ""), *((number, "") for number in round_numbers(top))]
     marks: list[Mark] = []
@@ -130,7 +130,7 @@ def round_numbers(top: Decimal) -> list[Decimal]:
 
 
 def _largest(mesh: bpy.types.Mesh, kind: Shown) -> float:
-    """The largest value of the kind on the mesh, as its record has it."""
+    """The largest value of the kind on the mesh, from its record."""
     record = mesh.ccdepth
     return float(record.deviation if kind is Shown.DEVIATION else record.largest_bound)
 

@@ -30,10 +30,10 @@ TICK_WIDTH = 5
 # So many colours of the scale that halves and quarters are among them.
 SCALE_STEPS = 101
 
-# How far a legend shrinks where there is no room for it.
+# The sizes of a legend as it shrinks for lack of room.
 SIZES = (1.0, 0.85, 0.7)
 
-# It never takes more of the region than this.
+# The largest part of the region for a legend.
 LARGEST_PART = 1 / 3
 
 
@@ -92,7 +92,7 @@ class Layout:
         return round(length * self.size)
 
     def write(self, text: str, x: float, line_bottom: float, style: Style = Style.TEXT, *, ends: bool = False) -> None:
-        """Add a text in a line with that lower end."""
+        """Add a text in a line with a given lower end."""
         self.texts.append(PlacedText(text, x, line_bottom + self.pixels(0.3 * LINE_HEIGHT), style, ends))
 
 
@@ -127,7 +127,7 @@ def free_place(
 
 
 def column(legend: Legend, size: float, measure: Measure) -> Layout:
-    """The layout with all lines below each other, at that size; made from the bottom upwards."""
+    """The layout with all lines below each other, at a size; made from the bottom upwards."""
     layout = Layout(size)
     lines = [(legend.title, Style.TEXT), *((note, Style.HEADING) for note in legend.notes)]
     lines += [(legend.alert, Style.ALERT)] if legend.alert else []

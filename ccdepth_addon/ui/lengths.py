@@ -53,7 +53,7 @@ SYSTEMS = {"METRIC": METRIC, "IMPERIAL": IMPERIAL}
 
 
 def unit_for(scene: bpy.types.Scene, length: float) -> Unit:
-    """The unit for a length of the scene: the one set in the scene, or a smaller one that avoids a row of zeros."""
+    """The unit for a length of the scene: the scene's unit, or a smaller unit to avoid a row of zeros."""
     units = SYSTEMS.get(scene.unit_settings.system)
     if units is None:
         return PLAIN
@@ -62,8 +62,7 @@ def unit_for(scene: bpy.types.Scene, length: float) -> Unit:
 
 
 def common_unit(scene: bpy.types.Scene, lengths: Iterable[float]) -> Unit | None:
-    """One unit for lengths that stand beside each other; None where each needs its own, because one of them would be a
-    row of zeros."""
+    """One unit for lengths beside each other; None if each needs its own, as one of them would be a row of zeros."""
     units, found = SYSTEMS.get(scene.unit_settings.system), [*lengths]
     if units is None:
         return PLAIN
@@ -91,7 +90,7 @@ def length_text(
     digits: int = DIGITS,
     unit: Unit | None = None,
 ) -> str:
-    """A length of the scene with its unit, to so many significant digits. unit: None for the unit that suits the
+    """A length of the scene with its unit, to some significant digits. unit: None for the unit that suits the
     length."""
     chosen = unit or unit_for(scene, length)
     number = number_text(in_unit(scene, length, chosen), rounding, digits)
@@ -114,7 +113,7 @@ def in_unit(scene: bpy.types.Scene, length: float, unit: Unit) -> Decimal:
 
 
 def number_text(number: Decimal, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS) -> str:
-    """A number to so many significant digits."""
+    """A number as text, to some significant digits."""
     if not number:
         return "0"
     rounded = number.quantize(Decimal(1).scaleb(number.adjusted() - digits + 1), rounding=rounding.value)

@@ -5,7 +5,7 @@ import bpy
 
 from .manual import draw_manual_button
 
-# What is under each other in the menu; None is a line between.
+# The entries of the menu; None is a line between.
 ENTRIES = (
     ("ccdepth.compute", "MOD_SUBSURF"),
     ("ccdepth.set_levels", "MODIFIER"),

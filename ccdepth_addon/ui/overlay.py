@@ -23,23 +23,23 @@ from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, on_scale, shown, top
 from .overlay_items import Item, items, read_item
 
-# A multiple of all depths, so that each has its exact colour; the last one is for what is beyond the scale.
+# A multiple of all depths, so that each has its exact colour; the last step is for values beyond the scale.
 RAMP_STEPS = 240
 
-# How much nearer than the surface it lies on the overlay is drawn: a part of the distance to the eye, and of the depth
-# that is stored. Either alone leaves holes, far away or near by.
+# The overlay is drawn nearer than its surface by these parts of the distance to the eye, and of the stored depth.
+# Either alone leaves holes, far away or near by.
 NEARER, NEARER_IN_DEPTH = 2e-4, 5e-7
 
-# How much of the light depends on the direction of a surface.
+# The part of the light that depends on the direction of a surface.
 SHADE = 0.4
 
 EDGE_OPACITY = 0.35
 
-# In Edit Mode edges and selection are below the overlay, and in X-Ray all that is to be seen through it.
+# The largest opacity in Edit Mode, with edges and selection below the overlay, and in X-Ray.
 LARGEST_TRANSLUCENT = 0.6
 
-# ``look``: opacity, shade, for edges the pixels to a unit at distance 1, and the value that has the last colour, 0 for
-# what is selected. Edges fade in from 2 to 10 pixels. The frame buffer wants linear colours, which it encodes itself.
+# ``look``: opacity, shade, for edges the pixels to a unit at distance 1, and the value of the last colour, 0 for
+# selected faces. Edges fade in from 2 to 10 pixels. The frame buffer wants linear colours, which it encodes itself.
 VERTEX_SHADER = """
 void main() {
   vec4 place = ModelViewProjectionMatrix * vec4(pos, 1.0);
@@ -84,12 +84,12 @@ _Drawn = tuple[_Batches, Item]
 # None of a mesh without values.
 _batches: dict[Hashable, _Batches | None] = {}
 
-# By the session identifier of an object, what changes with it.
+# By the session identifier of an object, the keys of items that change with it.
 _keys: dict[int, set[Hashable]] = {}
 
 _lists: dict[Hashable, list[_Drawn]] = {}
 
-# How many objects there were when Blender last told of an update.
+# The number of objects at Blender's last update.
 _object_count = 0
 
 _handle: Any = None
@@ -130,7 +130,7 @@ def _list(context: bpy.types.Context, kind: Shown) -> list[_Drawn]:
 
 
 def _batches_of(evaluated: bpy.types.Object, item: Item, kind: Shown) -> _Batches | None:
-    """The batches of an item, made where they are missing."""
+    """The batches of an item, made if missing."""
     key = kind, item.key
     if key not in _batches:
         mesh = read_item(evaluated, kind)
@@ -174,7 +174,8 @@ class _View:
         self.is_xray = shading.show_xray_wireframe if shading.type == "WIREFRAME" else shading.show_xray
         self.is_xray = self.is_xray and shading.type in {"WIREFRAME", "SOLID"}
         self.pixels = window[1][1] * context.region.height / 2.0
-        # In perspective z is A z + B with w = -z, so k B in it is nearer by k of the distance. Otherwise w is 1.
+        # In perspective z is A z + B with w = -z, so adding k B brings it nearer by k of the distance. Otherwise w is
+        # 1.
         self.perspective = float(window[3][3] == 0.0)
         unit = window[2][3] if self.perspective else 2.0 * window[2][2] / window[1][1]
         self.nearer = NEARER * abs(unit)
@@ -185,7 +186,7 @@ class _View:
         """Draw everything."""
         in_front = [each for each in drawn if each[1].in_front]
         gpu.state.blend_set("ALPHA")
-        # The depth of what is In Front is elsewhere, and before 5.0 that of all in X-Ray: they get one here.
+        # The depth of objects In Front, and before 5.0 of all objects in X-Ray, is elsewhere: they get one here.
         gpu.state.color_mask_set(False, False, False, False)
         gpu.state.depth_mask_set(True)
         gpu.state.depth_test_set("ALWAYS")
@@ -196,7 +197,7 @@ class _View:
         gpu.state.color_mask_set(True, True, True, True)
         self._paint(drawn)
         self._paint(drawn, part="chosen")
-        # Edit Mode has its own.
+        # Edit Mode draws its own edges.
         self._paint([each for each in drawn if not each[1].is_edited], part="edges")
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("NONE")
@@ -265,11 +266,11 @@ def _new_ramp() -> gpu.types.GPUTexture:
 @persistent
 def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     global _object_count
-    # Renders are evaluated in threads of their own, which must not touch what the graphics card has.
+    # Renders are evaluated in threads of their own, which must not touch data of the graphics card.
     if depsgraph.mode != "VIEWPORT":
         return
     _lists.clear()
-    # That of a mesh names its users too.
+    # An update of a mesh comes with updates of its users.
     changed = [update.id.original for update in depsgraph.updates if update.is_updated_geometry]
     gone = {each.session_uid for each in changed if isinstance(each, bpy.types.Object)}
     before, _object_count = _object_count, len(bpy.data.objects)
@@ -305,6 +306,6 @@ def unregister() -> None:
     global _handle, _shader, _ramp
     bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
     remove_handlers(HANDLERS)
-    # What the graphics card has is reported as lost when Blender ends.
+    # Blender reports data left on the graphics card as lost when it ends.
     _forget_everything()
     _handle = _shader = _ramp = None

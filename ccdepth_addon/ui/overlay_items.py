@@ -36,7 +36,7 @@ class Item(NamedTuple):
 
 def read_item(evaluated: bpy.types.Object, kind: Shown) -> DisplayedMesh | None:
     """The mesh to draw of an item's object; None without values."""
-    # This completes what Blender evaluates late, as in Edit Mode and where the graphics card subdivides.
+    # This call completes late evaluations, as in Edit Mode and with subdivision on the graphics card.
     mesh = evaluated.to_mesh()
     try:
         in_object_mode = evaluated.mode == "OBJECT"

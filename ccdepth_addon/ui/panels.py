@@ -26,10 +26,10 @@ from .tolerance_text import tolerance_text
 
 SWATCH_SIZE = 16
 
-# Of a result of Apply Adaptive Subdivision whose mesh is another than the one that was made.
+# The line for a result of Apply Adaptive Subdivision with another mesh than the one made.
 RESULT_EDITED = "Result edited; Update keeps your version"
 
-# The list of several objects is no longer than this.
+# The largest length of the list of several objects.
 MOST_OBJECTS = 8
 
 _swatches: bpy.utils.previews.ImagePreviewCollection | None = None
@@ -45,7 +45,7 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         settings = context.scene.ccdepth
-        # What all buttons go by is above them.
+        # The settings of all buttons are above them.
         column = settings_column(layout)
         column.row().prop(settings, "shown_tolerance_mode", text="Tolerance", expand=True)
         if settings.tolerance_mode == "RELATIVE":
@@ -168,7 +168,7 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
     if record.subdivision:
         return "" if holder is None else _changed_since_made(settings, holder)
     frames = chosen_frames(settings.id_data, settings.frames, settings.frame_list)
-    # What another method has proved holds, and so does what was computed of named vertices where the scene names none.
+    # Depths by another method hold, and so do depths for named vertices if the scene names none.
     vertices = record.vertices if settings.vertices == OF_OBJECT else settings.vertices
     tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
     current = (tolerance, settings.tolerance_mode, settings.use_modifiers, vertices, frames)
@@ -194,7 +194,7 @@ def _changed_since_made(settings: bpy.types.PropertyGroup, result: bpy.types.Obj
 
 
 def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> None:
-    """The button that a panel is there for."""
+    """The main button of a panel."""
     button = layout.column()
     button.scale_y = 1.4
     button.operator(operator, icon=icon)
@@ -225,7 +225,7 @@ def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
 def draw_object_rows(
     layout: bpy.types.UILayout, objects: list[bpy.types.Object], line_of: Callable[[bpy.types.Object], str]
 ) -> None:
-    """A row for each of several objects, with the reason where something is out of date."""
+    """A row for each of several objects, with the reason if something is out of date."""
     column = layout.box().column(align=True)
     _draw_object_row(column, "Object", "Faces", "Depth").active = False
     for each in objects[:MOST_OBJECTS]:
@@ -233,7 +233,7 @@ def draw_object_rows(
         deepest = str(record.deepest) if record.has_result else ""
         _draw_object_row(column, each.name, f"{mesh_face_count(each.data):,}", deepest, "OBJECT_DATA")
         if line:
-            # In short: there is less room.
+            # A short text, as there is less room.
             text = line.removeprefix("Out of date: ").partition("; ")[0]
             draw_alert(column, f"{text[0].upper()}{text[1:]}")
     if len(objects) > MOST_OBJECTS:
@@ -270,7 +270,7 @@ def _draw_histogram(layout: bpy.types.UILayout, objects: list[bpy.types.Object])
 
 
 def share_text(faces: int, total: int) -> str:
-    """A number of faces and its share, which is neither rounded down to none nor up to all."""
+    """A number of faces and its share, neither rounded down to none nor up to all."""
     share = 100 * faces / total
     if faces < total:
         share = min(share, 99.9)
@@ -278,7 +278,7 @@ def share_text(faces: int, total: int) -> str:
 
 
 def _swatch(color: FloatArray) -> int:
-    """The icon of a colour. Each is made once: a few hundred bytes."""
+    """The icon of a colour, made once, of a few hundred bytes."""
     assert _swatches is not None
     name = repr(color.tolist())
     if name not in _swatches:

@@ -8,7 +8,7 @@ import unicodedata
 # Controls, invisible marks that reorder text, halves of characters, and separators of lines and paragraphs.
 ESCAPED_CATEGORIES = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 
-# These join the parts of letters and pictures.
+# The characters that join the parts of letters and pictures.
 JOINERS = {"\u200c", "\u200d"}
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The progress of a long run in the status bar: a bar where the end is known, otherwise a turning ring, and the effect
-of Esc."""
+"""The progress of a long run in the status bar: a bar if the end is known, otherwise a turning ring, and the effect of
+Esc."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from time import perf_counter
 
 import bpy
 
-# How wide the bar is, in units of the interface, and how long the ring takes to turn, in seconds.
+# The width of the bar, in units of the interface, and the time of a turn of the ring, in seconds.
 BAR_WIDTH = 18
 SECONDS_A_TURN = 1.5
 

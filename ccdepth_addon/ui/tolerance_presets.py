@@ -18,7 +18,7 @@ from ..tasks.surfaces import shortest_decimal
 # Some five pixels when the object fills the screen, one, and a fifth.
 FRACTIONS = {"Draft": 0.005, "Standard": 0.001, "Fine": 0.0002}
 
-# What a good printer resolves, in metres.
+# The resolution of a good printer, in metres.
 PRINTED = 0.0001
 
 
@@ -64,7 +64,7 @@ def presets(scene: bpy.types.Scene) -> list[Preset]:
     found = [Preset(name, "RELATIVE", fraction) for name, fraction in FRACTIONS.items()]
     found.append(Preset("Print 0.1 mm", "ABSOLUTE", PRINTED / scene.unit_settings.scale_length))
     for path in [path for folder in bpy.utils.preset_paths(TOLERANCE_PRESETS) for path in Path(folder).glob("*.py")]:
-        # A file that somebody wrote otherwise is none.
+        # A file with other contents is no preset.
         with suppress(KeyError, ValueError, SyntaxError):
             values = dict(re.findall(r"ccdepth\.(\w+) = (.+)", path.read_text(encoding="utf-8")))
             mode = literal_eval(values["tolerance_mode"])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tolerance in other words: in full where its field shows too few digits, and in the other mode."""
+"""The tolerance in other words: in full if its field shows too few digits, and in the other mode."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .selected_objects import lengths_text
 DECIMALS = 6
 LARGEST_ERROR = 1e-3
 
-# Of more selected objects than this it is not told: their sizes are measured for it.
+# Above this count of selected objects the conversion is hidden: it would measure every object.
 MOST_OBJECTS = 8
 
 
 def tolerance_text(context: bpy.types.Context) -> str:
-    """The scene's tolerance as a length or a part of the active object, or of the selected ones where the active one
-    is no mesh; empty where the sizes are not known and the field says all."""
+    """The scene's tolerance as a length or a part of the active object, or of the selected objects if the active one is
+    no mesh; empty if the sizes are unknown and the field shows all digits."""
     scene, settings = context.scene, context.scene.ccdepth
     relative = settings.tolerance_mode == "RELATIVE"
     tolerance = scene_tolerance(settings)
@@ -40,7 +40,7 @@ def tolerance_text(context: bpy.types.Context) -> str:
 
 
 def _known_diagonals(context: bpy.types.Context) -> list[float]:
-    """The diagonals of the objects that the tolerance is told for; empty where one is not known."""
+    """The diagonals of the objects of the tolerance; empty if one is unknown."""
     holders = objects_for_tolerance(context)
     if len(holders) > MOST_OBJECTS:
         return []
