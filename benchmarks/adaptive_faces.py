@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many faces adaptive subdivision makes, next to ideal quadtrees and to one level for all.
+"""The faces of adaptive subdivision, next to ideal quadtrees and to one level for all.
 
 python benchmarks/adaptive_faces.py -- [NAME…]        with the bpy wheel
 
-An ideal quadtree splits a quad while it misses the tolerance, and nothing for its neighbours' sake. What a quad misses
-is sampled, at 17 × 17 points of the surface, in two ways:
+An ideal quadtree splits a quad while it misses the tolerance, without regard to neighbours. The distance of a quad is
+sampled at 17 × 17 points of the surface, in two ways:
 
 - facet: the bilinear facet's largest distance at equal parameters, and a quarter of the part of its twist that stands
   on its plane, as in the definition of the ideal quadtree;
 - drawn: the largest distance of the better pair of triangles at equal parameters.
 
-Faces are those that are made, transitions included; leaves are those of the balanced quadtree. Then come meshes as
+Faces are all faces made, transitions included; leaves are the leaves of the balanced quadtree. Then come meshes as
 people model them, and hard ones, with faces and seconds of processor over those of ``BEFORE``, and the distance that
 Measure Deviation reaches and the one it proves, in parts of the tolerance. Exits with 1 where a line does not hold.
 """
@@ -85,7 +85,7 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 @dataclass(frozen=True)
 class Quads:
     """Squares in the quarters of the mesh's faces: the quarter's corner, the square's lower corner, and its side; or
-    whole quads, side 2, whose corner is the face's first."""
+    whole quads, side 2, with the face's first corner."""
 
     corners: IndexArray
     origins: FloatArray
@@ -93,7 +93,7 @@ class Quads:
 
 
 def quads_of(mesh: PolygonMesh) -> Quads:
-    """What ideal quadtrees begin with: quads whole, the quarters of other faces."""
+    """The first squares of ideal quadtrees: whole quads, and the quarters of other faces."""
     is_quad = mesh.face_sizes == 4
     whole = mesh.face_starts[:-1][is_quad]
     return Quads(whole, np.zeros((len(whole), 2)), 2.0)
@@ -127,7 +127,7 @@ def _over_whole_quads(first: IndexArray, places: FloatArray) -> SurfacePoints:
 
 
 def missed(surface: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(quads,) twice: what facets and what triangles miss."""
+    """(quads,) twice: the distances of facets, and of triangles."""
     corners = surface[:, [0, -1, -1, 0], [0, 0, -1, -1]]
     a, b, c, d = (corners[:, corner, None, None] for corner in range(4))
     along = np.linspace(0.0, 1.0, STEPS + 1)
@@ -169,9 +169,9 @@ def missed_by_all(mesh: PolygonMesh, quads: Quads) -> tuple[FloatArray, FloatArr
 
 
 def ideal_leaves(mesh: PolygonMesh, limit: float, way: int) -> tuple[int, int]:
-    """How many leaves an ideal quadtree has, by facets (0) or as drawn (1), and its deepest level.
+    """The number of leaves of an ideal quadtree, by facets (0) or as drawn (1), and its deepest level.
 
-    Faces that are no quads begin as their quarters.
+    Faces other than quads begin as their quarters.
     """
     leaves, level, deepest = 0, 0, 0
     frontier = [quads_of(mesh)]
@@ -197,7 +197,7 @@ def ideal_leaves(mesh: PolygonMesh, limit: float, way: int) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class Made:
-    """faces, -1 where there would be too many; quads among them; leaves of the tree; the deepest level; seconds."""
+    """An adaptive mesh: faces, -1 for too many; quads among them; leaves of the tree; the deepest level; seconds."""
 
     faces: int
     quads: int
@@ -337,7 +337,7 @@ MODELLED_HEADER = (
 
 @dataclass(frozen=True)
 class Row:
-    """Over the row before: faces and seconds. holds: whether it does."""
+    """A row: faces and seconds over those of the row before. holds: whether the row holds."""
 
     faces: float
     seconds: float

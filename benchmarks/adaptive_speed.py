@@ -58,8 +58,8 @@ def suzanne() -> bpy.types.Object:
 
 
 def levels_needed(mesh: PolygonMesh, limit: float) -> tuple[int, int]:
-    """The least level at which every quad is sampled within the limit, and the least at which all the quads of 99 % of
-    the faces are."""
+    """The least level with every quad within the limit by samples, and the least level with all quads of 99 % of the
+    faces within it."""
     level, of_most, frontier = 0, -1, quads_of(mesh)
     while True:
         frontier = children_of(mesh, frontier, off_their_planes(mesh, frontier) > limit)
@@ -71,8 +71,8 @@ def levels_needed(mesh: PolygonMesh, limit: float) -> tuple[int, int]:
 
 
 def off_their_planes(mesh: PolygonMesh, quads: Quads) -> FloatArray:
-    """(quads,): how far the surface is from the planes of a quad's triangles, from the nearer of the two and along the
-    better diagonal: no farther than it is from the triangles."""
+    """(quads,): the distance of the surface from the nearer plane of a quad's two triangles, along the better diagonal:
+    no more than the distance from the triangles."""
     found = [np.zeros(0)]
     for start in range(0, len(quads.corners), QUADS_AT_ONCE):
         block = slice(start, start + QUADS_AT_ONCE)
@@ -87,7 +87,7 @@ def off_their_planes(mesh: PolygonMesh, quads: Quads) -> FloatArray:
 
 
 def _heights(surface: FloatArray, triangles: FloatArray) -> FloatArray:
-    """(quads, …): of points (quads, …, 3) over the planes of triangles (quads, 3, 3)."""
+    """(quads, …): the heights of points (quads, …, 3) over the planes of triangles (quads, 3, 3)."""
     a, b, c = triangles.swapaxes(0, 1)
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -100,7 +100,7 @@ def subdivide(mesh: PolygonMesh, limit: float) -> AdaptiveMesh:
 
 
 def modifier(base: bpy.types.Object, level: int) -> float:
-    """Seconds to evaluate it, with limit surface, from nothing to the mesh."""
+    """Seconds to evaluate the modifier, with limit surface, from nothing to the mesh."""
     added = base.modifiers.new("Subdivision", "SUBSURF")
     added.levels = level
 
@@ -115,7 +115,7 @@ def modifier(base: bpy.types.Object, level: int) -> float:
 
 
 def operator(tolerance: float) -> float:
-    """Seconds for Apply Adaptive Subdivision, whose result is taken away again."""
+    """Seconds for Apply Adaptive Subdivision; the result is removed again."""
     before = set(bpy.data.objects)
     taken = seconds(lambda: bpy.ops.ccdepth.subdivide(tolerance=tolerance, tolerance_mode="RELATIVE"))
     for made in set(bpy.data.objects) - before:
@@ -143,7 +143,7 @@ def peak_memory(work: Callable[[], object]) -> int:
 
 @dataclass(frozen=True)
 class Job:
-    """Something to time: what it is called, and what else there is to say of it."""
+    """Something to time: its name, and a remark."""
 
     name: str
     run: Callable[[], float]
@@ -160,7 +160,7 @@ def jobs_of_ours(mesh: PolygonMesh, limit: float, tolerance: float, faces: int) 
 
 
 def jobs_of_modifier(base: bpy.types.Object, needed: int) -> list[Job]:
-    """The levels up to the one that is needed, but for those that are too large."""
+    """The levels up to the needed one, without too large levels."""
     counts = {level: len(base.data.polygons) * 4**level for level in range(1, needed + 1)}
     return [
         Job(name_of_level(level), partial(modifier, base, level), f"{count:,} faces")
@@ -200,7 +200,7 @@ def main(tolerance: float = TOLERANCE, repeats: int = REPEATS) -> None:
     level, of_most = levels_needed(mesh, limit)
     print(f"  Subdivision Surface needs level {level}, or {of_most} for 99 % of the faces")
     jobs = [*jobs_of_ours(mesh, limit, tolerance, faces), *jobs_of_modifier(base, level)]
-    # In turn, so that a machine that is busy for a while is so for all of them.
+    # In turn, so that a busy machine slows all of them.
     rounds = [{job.name: job.run() for job in jobs} for _ in range(repeats)]
     report(jobs, rounds, name_of_level(level))
 

@@ -3,9 +3,8 @@
 
 python benchmarks/adaptive_times.py [--against CHECKOUT…] [--repeats N] [PART OF A NAME…]        with the bpy wheel
 
-Each checkout has a process of its own, with one thread; they take turns, so that a machine that is busy for a while is
-so for all. Prints for each the time of the first run, when nothing is cached; the median of the others; faces; and
-faces a second.
+Each checkout has a process of its own, with one thread; the processes take turns, so that a busy machine slows all of
+them. Prints for each the time of the first run, without caches; the median of the others; faces; and faces a second.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from tests.blender import scene
 ROOT = Path(__file__).resolve().parent.parent
 REPEATS = 5
 
-# What a process does: reads meshes and limits, and tells times and faces. It knows the core's public interface alone.
+# The program of a process: reads meshes and limits, and reports times and faces, by the core's public interface alone.
 WORKER = """
 import json, sys, time
 import numpy as np

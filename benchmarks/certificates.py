@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What it takes to show that files meet a tolerance: Suzanne is made adaptive, written in each format by the command
+"""The cost of proving that files meet a tolerance: Suzanne is made adaptive, written in each format by the command
 line, read back and measured: prints a table.
 
 python benchmarks/certificates.py [TOLERANCE] [FORMAT…]    with the bpy wheel; CCDEPTH_FARM_BLENDER names a Blender

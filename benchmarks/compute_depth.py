@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compute Depth on a million quads, next to one level of Blender's Subdivision Surface on the same mesh, as shipped.
 
-The mesh is a grid, once all regular and once with one percent of its vertices extraordinary; then spheres whose poles
-have 64 and 360 faces, and a smaller grid with many creases. Memory is what Python and NumPy take at most, beyond the
-mesh and Blender's attributes for the results.
+The mesh is a grid, once all regular and once with one percent of its vertices extraordinary; then spheres with poles of
+64 and 360 faces, and a smaller grid with many creases. Memory is what Python and NumPy take at most, beyond the mesh
+and Blender's attributes for the results.
 
 python benchmarks/compute_depth.py -- [SIDE] [REPEATS]       with the bpy wheel
 blender -b --python benchmarks/compute_depth.py -- [SIDE] [REPEATS]
@@ -44,7 +44,7 @@ BY_BOTH_VERTICES = ("DISTANCE", "CERTIFIED")
 
 
 def add_grid(side: int, insets: int) -> bpy.types.Object:
-    """An object of it, active and selected."""
+    """An object of a grid, active and selected."""
     positions, quads = hills(side, insets)
     mesh = bpy.data.meshes.new("Grid")
     mesh.vertices.add(len(positions))

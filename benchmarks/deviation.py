@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Measure Deviation proves and reaches, and what it takes, on results of all kinds.
+"""The proved and reached distances of Measure Deviation, and its time, on results of all kinds.
 
 python benchmarks/deviation.py -- [PART OF A NAME…] [FILE.obj@TOLERANCE…]        with the bpy wheel
 
-Meshes are triangulated by Blender; of files, adaptive results are measured at parts of the diagonal. The ratio is that
-of what is proved to what is reached; seconds are those of the processor, of making a result and of measuring it.
-Results are measured with the tolerance they were made with, as the operator does. Exits with 1 where the accuracy of
-5 % is not met, or whether all is within the tolerance is not decided.
+Meshes are triangulated by Blender; of files, adaptive results are measured at parts of the diagonal. The ratio is the
+proved over the reached distance; seconds are processor time, of making a result and of measuring it. Results are
+measured with the tolerance of their making, as by the operator. Exits with 1 if the accuracy of 5 % is not met, or the
+verdict about the tolerance is open.
 """
 
 from __future__ import annotations

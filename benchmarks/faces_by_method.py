@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many faces Suzanne needs by each method's depths: prints the numbers and draws docs/images/faces_by_method.svg.
+"""The faces that Suzanne needs by each method's depths: prints the numbers and draws docs/images/faces_by_method.svg.
 
 python benchmarks/faces_by_method.py          with the bpy wheel
 

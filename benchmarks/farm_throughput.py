@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many files an hour the farm's template does with one worker and with two, and whether its report is that of one
-command: prints a table.
+"""The files an hour of the farm's template with one worker and with two, and a comparison of its report with that of
+one command: prints a table.
 
 python benchmarks/farm_throughput.py [FILES]    with the bpy wheel and openjd-cli; CCDEPTH_FARM_BLENDER names a Blender
 
 A worker is a process of ``openjd run`` that does every second task; the report is gathered when all are done. Files are
-cubes of 6 faces, so that nearly all time goes into starting Blender, reading, writing and measuring. It tells seconds
-by the clock, and how long processors were at work.
+cubes of 6 faces, so that nearly all time goes into starting Blender, reading, writing and measuring. Prints seconds by
+the clock, and processor time.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def command(files: Path, program: Path, count: int, reports: Path) -> list[str]:
 
 
 def run_farm(base: list[str], count: int, workers: int) -> None:
-    """Do all tasks with so many workers, and then the report."""
+    """Do all tasks with a number of workers, and then the report."""
     chunks = [(first, min(first + FILES_PER_TASK - 1, count)) for first in range(1, count + 1, FILES_PER_TASK)]
     tasks = [{"Files": f"{first}-{last}"} for first, last in chunks]
     running = [
@@ -76,7 +76,7 @@ def main(count: int) -> None:
 
 @contextmanager
 def _row(name: str, count: int) -> Iterator[None]:
-    """Print how long it took by the clock, and how long processors were at work."""
+    """Print the time by the clock, and the processor time."""
     begun, worked = perf_counter(), _processor_seconds()
     yield
     seconds, worked = perf_counter() - begun, _processor_seconds() - worked
@@ -84,7 +84,7 @@ def _row(name: str, count: int) -> Iterator[None]:
 
 
 def _processor_seconds() -> float:
-    """Of all processes that were started from here and have ended."""
+    """The processor time of all ended processes that were started from here."""
     used = getrusage(RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How much each further frame takes of what the first one does, reading, computing and writing together.
+"""The time of each further frame as a part of the first one's, with reading, computing and writing.
 
 python benchmarks/frames.py -- [LEVELS…]        with the bpy wheel
 
-Suzanne, subdivided so many times before (1 and 2 by default), bends with an armature or is deformed by a shape key.
-Times are those of the processor, the least of three runs, in milliseconds; one frame is the one in the middle.
+Suzanne, subdivided LEVELS times before (1 and 2 by default), bends with an armature or is deformed by a shape key.
+Times are processor time, the least of three runs, in milliseconds; one frame is the middle frame.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def refined_suzanne(levels: int) -> bpy.types.Object:
 
 
 def bending(levels: int) -> bpy.types.Object:
-    """Her upper half turns by 70°, and back beyond where it was."""
+    """Suzanne with an armature: her upper half turns by 70°, and back beyond its first position."""
     holder = refined_suzanne(levels)
     rig = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
     bpy.context.scene.collection.objects.link(rig)
@@ -61,7 +61,7 @@ def bending(levels: int) -> bpy.types.Object:
 
 
 def deformed(levels: int) -> bpy.types.Object:
-    """Waves that come and go."""
+    """Suzanne with a shape key: waves that come and go."""
     holder = refined_suzanne(levels)
     holder.shape_key_add(name="Basis")
     shape = holder.shape_key_add(name="Waves")

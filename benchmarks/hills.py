@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The grid that depths are timed on."""
+"""The grid for timing depths."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ IntArray = NDArray[np.intp]
 
 
 def hills(side: int, insets: int) -> tuple[FloatArray, IntArray]:
-    """Positions (V, 3) and quads (F, 4) of a hilly grid, some of whose quads, no two of them near, have a quad inset.
+    """Positions (V, 3) and quads (F, 4) of a hilly grid; some quads, no two of them near, have a quad inset.
 
     Each inset makes eight extraordinary vertices, four of valence 3 and four of valence 5.
     """

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How long many files take with one Blender and with two at a time (``--jobs``): prints a table.
+"""The time of many files with one Blender and with two at a time (``--jobs``): prints a table.
 
 python benchmarks/jobs.py BLENDER [FILES] [RUNS]    BLENDER: a program with the extension installed
 
 Each file is a hilly grid of 30,000 quads, made adaptive and written as .stl, without being measured. Every row is the
-fastest of the runs, which take turns, with the time of the slowest. It needs an idle machine: where other programs keep
-processors busy, Linux gives a session its share however many processes it has (autogroups), and two are no faster.
+fastest of the runs, which take turns, with the time of the slowest. The machine has to be idle: on a busy one, Linux
+gives a session its share regardless of its number of processes (autogroups), and two are no faster.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The least level that will do, by trial, beside the level that Set Subdivision Levels sets, on models as people make
+"""The least sufficient level, by trial, beside the level that Set Subdivision Levels sets, on models as people make
 them.
 
 python benchmarks/least_levels.py -- [METHOD] [PART OF A NAME…]        with the bpy wheel and libigl
 
-METHOD: as of --method; by distance where it is left out.
+METHOD: as of --method; by distance if left out.
 
-The trial compares what Blender's modifier shows at a level with a mesh many levels deeper, its vertices on the limit
+The trial compares the mesh of Blender's modifier at a level with a mesh many levels deeper, its vertices on the limit
 surface: the largest distance both ways, from dense samples on both (libigl). Level 0 counts as 1, as nothing is moved
-at level 0. Rows whose trial is within 3 % of the tolerance, at the least level or at the one before, do not count:
+at level 0. Rows with a trial within 3 % of the tolerance, at the least level or at the level before, do not count:
 samples decide nothing there. Exits with 1 unless nineteen rows of twenty have the least level, the others one more.
 """
 
@@ -41,7 +41,7 @@ SAMPLES = np.array([(i, j, 6 - i - j) for i in range(7) for j in range(7 - i)]) 
 
 
 def made(name: str, **options: object) -> bpy.types.Object:
-    """An object whose mesh an operator of bmesh builds."""
+    """An object with a mesh built by an operator of bmesh."""
     import bmesh  # The bpy wheel has it only after bpy.
 
     mesh, shape = bpy.data.meshes.new("Model"), bmesh.new()
@@ -54,7 +54,7 @@ def made(name: str, **options: object) -> bpy.types.Object:
 def choose(holder: bpy.types.Object) -> None:
     """Select an object alone, and make it the active one."""
     layer = bpy.context.view_layer
-    # Until it is updated, the list has holes where objects were removed.
+    # Without an update, the list has holes in place of removed objects.
     layer.update()
     for each in list(layer.objects):
         each.select_set(each == holder)
@@ -181,7 +181,7 @@ def reached(mesh: tuple[FloatArray, IndexArray], finest: tuple[FloatArray, Index
 
 
 def level_set(holder: bpy.types.Object, tolerance: float, vertices: str, method: str) -> int:
-    """The level that Set Subdivision Levels sets; NO_LEVEL where it refuses."""
+    """The level that Set Subdivision Levels sets; NO_LEVEL for a refusal."""
     bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="RELATIVE", vertices=vertices, method=method)
     try:
         bpy.ops.ccdepth.set_levels()

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How few triangles Reduce makes, what that takes, and what Decimate alone makes of a uniform level by trial.
+"""The triangles of Reduce, its time, and the triangles of Decimate alone from a uniform level by trial.
 
 python benchmarks/reduce.py -- [PART OF A NAME…]        with the bpy wheel
 
 Within 1e-3 and 3e-4 of the diagonal. Triangles without Reduce are those of the adaptive mesh; proved and reached are
-parts of the tolerance, as Measure Deviation finds them afterwards. By trial, without a proof: the fewest triangles
-that Decimate leaves of level 3 whose reached distance is within the tolerance, the ratio bisected. Exits with 1 where
-there are more triangles than ``MOST``.
+parts of the tolerance, by Measure Deviation afterwards. By trial, without a proof: the fewest triangles that Decimate
+leaves of level 3 with a reached distance within the tolerance, by bisection of its ratio. Exits with 1 for more
+triangles than ``MOST``.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def suzanne() -> bpy.types.Object:
 
 
 def _finished(added: bpy.types.Object, bevel_limit: str) -> bpy.types.Object:
-    """With a bevel, where one is wanted, and one step of subdivision, both applied."""
+    """The object with a bevel, if wanted, and one step of subdivision, both applied."""
     if bevel_limit:
         bevel = added.modifiers.new("Bevel", "BEVEL")
         bevel.width, bevel.segments, bevel.limit_method = 0.1, 2, bevel_limit
@@ -104,7 +104,7 @@ def control_of(added: bpy.types.Object) -> PolygonMesh:
 
 
 def by_trial(added: bpy.types.Object, control: PolygonMesh, tolerance: float) -> int:
-    """The fewest triangles that Decimate makes of a uniform level within the tolerance, as far as is seen."""
+    """The fewest triangles that Decimate makes of a uniform level within the tolerance, as far as tried."""
     subdivision = scene.add_subdivision(added, LEVEL)
     subdivision.use_limit_surface, subdivision.quality = True, 10
     modifier = added.modifiers.new("Decimate", "DECIMATE")
@@ -124,7 +124,7 @@ def by_trial(added: bpy.types.Object, control: PolygonMesh, tolerance: float) ->
 
 
 def report(name: str, relative: float) -> bool:
-    """Print a row; whether there are few enough triangles."""
+    """Print a row; returns whether there are few enough triangles."""
     scene.clear()
     added = CASES[name]()
     control = control_of(added)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How long Blender's window stands still while the long operators run: the gaps between the ticks of a timer.
+"""The time that Blender's window stands still while the long operators run: the gaps between the ticks of a timer.
 
 xvfb-run blender --factory-startup --python benchmarks/responsiveness.py -- [CASE…]
 
@@ -26,7 +26,7 @@ from benchmarks.compute_depth import add_grid
 from tests.blender import scene
 
 SECONDS_BETWEEN_TICKS = 0.005
-# What a person notices as standing still.
+# The shortest gap that a person notices, in seconds.
 NOTICEABLE = 0.2
 
 SIDE = 1000

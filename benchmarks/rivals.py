@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What other programs make of models as people make them, beside this one: docs/comparison.md has the tables.
+"""A comparison of meshes by other programs and by this one, on models as people make them: docs/comparison.md has the
+tables.
 
 python -m pip install -r benchmarks/rivals_requirements.txt
 python benchmarks/rivals.py -- [PART OF A NAME…]
 
-Each row is a mesh: its faces and triangles, its distance from the limit surface in parts of the tolerance, and the
-seconds of processor that it took. The distance is told twice: by samples and libigl, both ways against a level many
-times finer; and by Measure Deviation, as the distance that is really there and the proved one.
+Each row is a mesh: its faces and triangles, its distance from the limit surface in parts of the tolerance, and its
+seconds of processor time. The distance is found twice: by samples and libigl, both ways against a level many times
+finer; and by Measure Deviation, reached and proved.
 
 "Asked" is what a program makes when it is told the tolerance. "By trial" is the mesh of fewest triangles, of
 ``TRIALS`` bisections of what the program is told, that is within the tolerance by samples: the seconds of the whole
@@ -51,18 +52,18 @@ FINEST_TRIANGLES = 1_100_000
 MOST_SAMPLES = 400_000
 LEVELS_ABOVE = 2
 TRIALS = 10
-# Told tolerances that are tried, in parts of the one that is to hold.
+# The range of tolerances to try, in parts of the tolerance to meet.
 LEAST_TOLD, MOST_TOLD = 1 / 256, 8.0
 MEASURING_SECONDS = 60.0
 
 
 class RefusedError(Exception):
-    """A program does not take the model; says why."""
+    """The error of a program that does not take the model; the message says why."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """positions: (V, 3) float64; triangles: (T, 3) int64; faces: of how many they are."""
+    """A drawn mesh. positions: (V, 3) float64; triangles: (T, 3) int64; faces: the number of its faces."""
 
     positions: FloatArray
     triangles: IndexArray
@@ -71,7 +72,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Made:
-    """A mesh, and the seconds of the run that made it; of a search by trial all runs and seconds."""
+    """A mesh, and the seconds of its run; for a search by trial, all runs and seconds."""
 
     drawn: Drawn
     seconds: float
@@ -100,7 +101,7 @@ class Model:
         return self.at_level(self.finest_level)
 
     def at_level(self, level: int) -> Drawn:
-        """What the modifier draws at a level, its vertices on the limit surface."""
+        """The drawn mesh of the modifier at a level, its vertices on the limit surface."""
         positions, triangles = shown(self.holder, level, limit=True)
         return Drawn(positions, triangles, self.control.corner_count * 4 ** (level - 1))
 
@@ -127,7 +128,7 @@ def timed(make: Callable[[], Drawn]) -> Made:
 
 
 def least_level(model: Model, tolerance: float) -> Made:
-    """Blender's modifier at the least level that will do."""
+    """The mesh of Blender's modifier at the least sufficient level."""
     finest, start = model.finest, process_time()
     for level in range(1, FINEST_LEVEL + 1):
         made = timed(partial(model.at_level, level))
@@ -162,7 +163,7 @@ def by_trial(
 
 
 def read(mesh: bpy.types.Mesh) -> Drawn:
-    """What Blender draws of a mesh."""
+    """The triangles that Blender draws of a mesh."""
     positions = np.empty(3 * len(mesh.vertices), dtype=np.float32)
     mesh.vertices.foreach_get("co", positions)
     mesh.calc_loop_triangles()
@@ -275,7 +276,7 @@ HEADER = (
 
 
 def row(model: Model, name: str, tolerance: float, make: Callable[[], Made]) -> None:
-    """Print what a way makes, or why it makes nothing."""
+    """Print the mesh of a program, or the reason for its refusal."""
     try:
         made = make()
     except (RefusedError, ImportError) as error:

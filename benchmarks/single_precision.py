@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far Blender's single precision puts the Subdivision Surface modifier's vertices off, as a part of the law.
+"""The error of the Subdivision Surface modifier's vertices in Blender's single precision, as a part of the law.
 
 python benchmarks/single_precision.py -- [TRIPLES [SIZE…]]        with the bpy wheel
 
-SIZE: valences and numbers of corners; TRIPLES: how many offsets of all three coordinates at each. Vertices lie on a
-grid of 2⁻¹², and so do offsets below 2¹¹: single precision holds their sums, so that a level is computed in double
+SIZE: valences and numbers of corners; TRIPLES: the number of offsets of all three coordinates at each. Vertices lie on
+a grid of 2⁻¹², and so do offsets below 2¹¹: single precision holds their sums, so that a level is computed in double
 precision once for all offsets. The coordinates are rounded apart: each is a case of its own. Prints the largest ratio
 of each shape and size at each level, with Use Limit Surface off and on. Exits with 1 where one is more than two thirds.
 """
@@ -63,8 +63,8 @@ LAST_LEVELS = {24: 6, 100: 4, 400: 3, 1 << 20: 2}
 
 
 def ratios(data: meshes.MeshData, level: int, offsets: FloatArray) -> dict[bool, float]:
-    """With Use Limit Surface off and on: the largest error of a coordinate at a level of the mesh moved by each of the
-    offsets (N, 3), as a part of ``modifier_rounding`` for a mesh as large as it is along that axis."""
+    """The largest errors of a coordinate, with Use Limit Surface off and on, at a level of the mesh moved by each of
+    the offsets (N, 3), as parts of ``modifier_rounding`` for a mesh of the same size along that axis."""
     data = replace(data, positions=np.rint(data.positions / GRID) * GRID)
     control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
     exact = Levels(control).mesh(level)
@@ -89,7 +89,8 @@ def ratios(data: meshes.MeshData, level: int, offsets: FloatArray) -> dict[bool,
 
 
 def nearest_points(points: FloatArray, queries: FloatArray) -> IndexArray:
-    """(Q,): the point nearest to each of the queries (Q, 3). Raises ValueError unless each is nearest to one."""
+    """(Q,): the point nearest to each of the queries (Q, 3). Raises ValueError unless each query has a point of its
+    own."""
     tree = KDTree(len(points))
     for index, point in enumerate(points):
         tree.insert(point, index)

@@ -4,12 +4,12 @@
 python benchmarks/tightness.py -- [QUADS] [NAME…]            with the bpy wheel
 blender -b --python benchmarks/tightness.py -- [QUADS] [NAME…]
 
-Every level's facets are compared with the surface at the same parameters, some levels deeper. QUADS is how many quads
-of a deep level are made for each mesh and level; where they do not suffice for all the faces, only so many of them are
-measured at that level, in patches chosen at random. Where all faces share a vertex of large valence, whose surroundings
-need the most levels, deep levels are measured near that vertex only, in meshes cut out of Blender's level by level:
-what is found there is reached on the whole face, so no least depth is taken to be more than it is. Exits with 1 where a
-depth is below the least one, or fewer than 99.5 % of all are equal to it.
+Every level's facets are compared with the surface at the same parameters, some levels deeper. QUADS is the number of
+quads of a deep level made for each mesh and level; if these do not suffice for all faces, only some faces are measured
+at that level, in patches chosen at random. If all faces share a vertex of large valence, the surroundings of the vertex
+need the most levels. Deep levels are then measured only near the vertex, in meshes cut out of Blender's level by level:
+a distance there is reached on the whole face, so no least depth is overestimated. Exits with 1 if a depth is below the
+least one, or fewer than 99.5 % of all are equal to it.
 """
 
 from __future__ import annotations
@@ -58,10 +58,10 @@ QUADS_AT_ONCE = 400_000
 
 @dataclass
 class Measured:
-    """(levels, F) distances of the faces at each level, nan where they were not measured.
+    """(levels, F) distances of the faces at each level, nan if not measured.
 
-    blender: by Blender's positions in single precision, which are uncertain by ``slack`` (levels,); core: by the
-    core's in double precision, measured where a distance by Blender's is that near a tolerance.
+    blender: by Blender's positions in single precision, uncertain by ``slack`` (levels,); core: by the core's positions
+    in double precision, measured if a distance by Blender's is within the slack of a tolerance.
     """
 
     blender: FloatArray
@@ -83,7 +83,7 @@ class Measured:
         return np.any([np.abs(self.blender - tolerance) <= self.slack[:, None] for tolerance in tolerances], axis=0)
 
     def decided(self, tolerance: float) -> FloatArray:
-        """(levels, F): the distances, in double precision where single precision does not tell."""
+        """(levels, F): the distances, in double precision where single precision does not decide."""
         return np.where(self.near([tolerance]), self.core, self.blender)
 
 
@@ -94,7 +94,7 @@ def shared_vertex(data: meshes.MeshData) -> int | None:
 
 
 def patches(data: meshes.MeshData, seed: int = 1) -> IndexArray:
-    """All the faces, in an order such that faces lie together in patches, and the patches at random."""
+    """All faces, ordered in patches of neighbouring faces, with the patches in random order."""
     middles = np.array([data.positions[face].mean(axis=0) for face in data.faces])
     left = np.random.default_rng(seed).permutation(len(middles))
     order = []
@@ -107,9 +107,9 @@ def patches(data: meshes.MeshData, seed: int = 1) -> IndexArray:
 
 
 def blocks(data: meshes.MeshData, finest: int, quads: int) -> Iterator[tuple[meshes.MeshData, IndexArray, IndexArray]]:
-    """Parts of the mesh to measure one by one: the part, which of its faces count, and which those are in the mesh."""
+    """Parts of the mesh to measure one by one: the part, its faces that count, and the same faces in the mesh."""
     order = patches(data)
-    # About half of a part is there for the other half; all of it where all faces touch.
+    # About half of a part surrounds the other half; all of it if all faces touch.
     count = max(1, min(len(order), QUADS_AT_ONCE // (2 * 4**finest)))
     if shared_vertex(data) is not None:
         count = len(order)
@@ -123,7 +123,7 @@ def blocks(data: meshes.MeshData, finest: int, quads: int) -> Iterator[tuple[mes
 
 
 def measure(data: meshes.MeshData, boundary: str, quads: int, tolerances: list[float]) -> dict[str, Measured]:
-    """Of every level as many faces as the quads allow, by the name of the vertices."""
+    """The measured distances by the name of the vertices, at every level of as many faces as the quads allow."""
     found = {vertices: Measured.nothing(data) for vertices in VERTICES}
     vertex = shared_vertex(data)
     # Around a large valence Blender takes very long for several levels at once: half a minute for four of valence 360.
@@ -144,7 +144,7 @@ def measure(data: meshes.MeshData, boundary: str, quads: int, tolerances: list[f
 def measure_near(
     data: meshes.MeshData, vertex: int, boundary: str, found: dict[str, Measured], tolerances: list[float]
 ) -> None:
-    """Where levels were not measured: near the vertex that all the faces share, by the children there of each face."""
+    """Measure the remaining levels near the vertex that all faces share, by the children of each face there."""
     faces = np.arange(len(data.face_sizes))
     own = BlenderLevels(data, boundary)
     core = own.subdivided(0)
@@ -171,8 +171,8 @@ def measure_near(
 def compare_mesh(
     data: meshes.MeshData, boundary: str, quads: int, relative_tolerances: tuple[float, ...]
 ) -> tuple[dict[float, Comparison], float, int]:
-    """By relative tolerance, both kinds of vertices together; how far Blender and the core are apart in units of the
-    slack, at most; and how many distances could be told in double precision only."""
+    """The counts by relative tolerance, for both kinds of vertices together; the largest difference between Blender and
+    the core in units of the slack; and the number of distances decided only in double precision."""
     data = meshes.single_precision(data)
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=boundary == "ALL")
     diagonal = float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))

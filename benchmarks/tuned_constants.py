@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What each cache, store, fast path and tuned constant gains: all are switched off in turn.
+"""The gain of each cache, store, fast path and tuned constant: all are switched off in turn.
 
 python benchmarks/tuned_constants.py [--repeat N] [--results FILE] [PART OF A NAME…]        with the bpy wheel
 
-Prints a Markdown table: time, memory and faces without the thing, in parts of those with it, the largest over its
-workloads. Every run is a process of its own, with one thread but where threads are the point, and runs with and without
-a thing take turns, so that a machine that is busy for a while is so for both. Of memory and faces the ratios are
-medians; of time they are those of the least times, as what else runs on the machine only adds. Time is processor time,
-user and system, of all threads; where threads are the point it is that of the clock, which depends on the number of
-processors. Memory is the most the process takes during the work above what it took before (Linux alone tells). Faces
-are those of the adaptive mesh; those that depths make; or, of a deviation, what is proved. What a cache gains is
-counted, not timed: how often it was asked for what it had, times what that takes to compute.
+Prints a Markdown table: time, memory and faces without the thing, as ratios to those with it, the largest over its
+workloads. Every run is a process of its own, with one thread except for things about threads, and runs with and without
+a thing take turns, so that a busy machine slows both. Ratios of memory and faces are of medians; ratios of time are of
+the least times, as other programs only add time. Time is processor time, user and system, of all threads; for things
+about threads it is time by the clock, which depends on the number of processors. Memory is the largest memory of the
+process during the work above that before (known on Linux alone). Faces are the faces of the adaptive mesh, or the faces
+by depths; for a deviation, the proved distance. The gain of a cache is counted, not timed: the number of its hits,
+times the time to compute an entry.
 
-Measurements are appended to FILE, and those that it has count as well.
+Measurements are appended to FILE, and count together with those in it.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 PACKAGE = "ccdepth_addon"
-# What a run took, by name: "time", "clock", "memory" and "faces".
+# The figures of a run, by name: "time", "clock", "memory" and "faces".
 Figures = dict[str, float]
 
-# Of an entry, by its name, and a workload: runs with it and without.
+# Runs with and without an entry, by its name and a workload.
 Found = dict[tuple[str, str], list[tuple[Figures, Figures]]]
 
 UNLIMITED = 1 << 40
@@ -163,14 +163,14 @@ def poles(valence: int, count: int) -> Any:
 
 
 def trapezohedron(sides: int) -> Any:
-    """Two poles, whose faces touch vertices of valence 3."""
+    """Two poles with faces that touch vertices of valence 3."""
     from tests import meshes
 
     return control_of(meshes.bumpy(meshes.trapezohedron(sides), 0.05))
 
 
 def dart(valence: int) -> Any:
-    """A pole at which a crease ends."""
+    """A pole with the end of a crease."""
     from tests import meshes
 
     fan = meshes.fan(valence, 2)
@@ -186,7 +186,7 @@ def planar() -> Any:
 
 
 def parabola(side: int) -> Any:
-    """A grid over z = x², whose control facets are all 1/3 from the surface along a line in each."""
+    """A grid over z = x²; each control facet is 1/3 from the surface along a line."""
     from tests import meshes
 
     grid = meshes.grid(side, side)
@@ -195,7 +195,7 @@ def parabola(side: int) -> Any:
 
 
 def depths(make: Callable[[], Any], method: str, vertices: str, tolerance: float) -> Callable[[], Any]:
-    """Depths of the faces; the result is the number of faces that they make."""
+    """Depths of the faces; the result is the number of faces by these depths."""
     from ccdepth_addon.core import face_depths
 
     mesh = make()
@@ -222,7 +222,7 @@ def small_depths(count: int) -> Callable[[], Any]:
 
 
 def bounds_at(make: Callable[[], Any], tolerance: float, level: int) -> Callable[[], Any]:
-    """The proved distances of all faces at one level; the result is how many are within the tolerance."""
+    """The proved distances of all faces at one level; the result is the number within the tolerance."""
     from tests.proved_bounds import level_bounds
 
     mesh = make()
@@ -259,7 +259,7 @@ def bending(mesh: Any, count: int) -> list[Any]:
 
 
 def posed(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[], Any]:
-    """Depths over several poses; the result is the number of faces that they make."""
+    """Depths over several poses; the result is the number of faces by these depths."""
     from ccdepth_addon.core import pose_depths
 
     poses = within(make(), tolerance)
@@ -267,7 +267,7 @@ def posed(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[]
 
 
 def within(poses: list[Any], tolerance: float) -> list[Any]:
-    """The same with tolerances in parts of what they were."""
+    """The same poses with fractions of their tolerances."""
     return [replace(pose, tolerance=tolerance * pose.tolerance) for pose in poses]
 
 
@@ -315,7 +315,7 @@ def refused(make: Callable[[], Any], tolerance: float, most_faces: int) -> Calla
 
 
 def deviation(make: Callable[[], Any], steps: int, moved: float = 0.0) -> Callable[[], Any]:
-    """The deviation of a subdivided mesh, moved so far; the result is what is proved."""
+    """The deviation of a subdivided mesh, moved by a distance; the result is the proved distance."""
     from ccdepth_addon.core import measure_deviation
 
     control = make()
@@ -405,8 +405,8 @@ def frames(count: int) -> Callable[[], Any]:
 
 
 def operators(count: int, *, with_modifiers: bool) -> Callable[[], Any]:
-    """Compute Depth on many objects that share a mesh, and then the test whether the result is stale; at their own
-    scales, or with a Mirror modifier each whose mirror is another, large object."""
+    """Compute Depth on many objects that share a mesh, and then the test whether the depths are stale; at their own
+    scales, or each with a Mirror modifier by another, large object."""
     import bpy
 
     import ccdepth_addon
@@ -455,7 +455,7 @@ def computed(side: int) -> Callable[[], Any]:
 
 
 def staleness(count: int) -> Callable[[], Any]:
-    """The test whether a result is stale, of many objects with a group of geometry nodes each."""
+    """The test whether depths are stale, for many objects with a group of geometry nodes each."""
     import bpy
 
     import ccdepth_addon
@@ -553,7 +553,7 @@ def located(place: str) -> tuple[Any, str]:
 
 
 def replace_with(place: str, new: Any) -> None:
-    """Also where other modules have imported the thing by its name, and in default arguments."""
+    """Replace a thing, also in modules that have imported it by its name, and in default arguments."""
     owner, name = located(place)
     old = getattr(owner, name)
     setattr(owner, name, new)
@@ -571,9 +571,9 @@ def set_to(value: Any) -> Callable[[str], None]:
 
 
 def count_anew(place: str) -> dict[str, float]:
-    """Add up the seconds that what ``cache``, ``lru_cache`` or ``cached_property`` keeps would take if it were computed
-    anew each time: "anew"; and those that counting takes: "counting". The cost of a function is that of its second
-    call with the same arguments, when caches below it are filled."""
+    """Add up the seconds to compute each hit of ``cache``, ``lru_cache`` or ``cached_property`` anew: "anew"; and the
+    seconds of counting: "counting". The cost of a function is that of its second call with the same arguments, with
+    filled caches below it."""
     owner, name = located(place)
     cached, seconds = vars(owner)[name], {"anew": 0.0, "counting": 0.0}
     known: dict[Any, tuple[Any, float]] = {}
@@ -609,7 +609,7 @@ def count_anew(place: str) -> dict[str, float]:
 
 
 def by(make: Callable[[Any], Any]) -> Callable[[str], None]:
-    """Put another function in the place of one, made from it."""
+    """Replace a function by another made from it."""
 
     def switch(place: str) -> None:
         owner, name = located(place)
@@ -681,7 +681,7 @@ def nothing(_: Any) -> Any:
 
 
 def no_norms(rough_bounds: Any) -> Any:
-    """Bounds by the norm alone that say nothing."""
+    """Bounds by the norm alone that are useless."""
 
     def unknown(patches: Any, vertices: Any) -> Any:
         found = rough_bounds(patches, vertices)
@@ -692,7 +692,7 @@ def no_norms(rough_bounds: Any) -> Any:
 
 
 def evaluated_everywhere(_: Any) -> Any:
-    """Values at all corners, those at one vertex each on its own."""
+    """Values at all corners, evaluated for each corner on its own."""
     return lambda subdivided, evaluate: np.asarray(evaluate(subdivided.corner_points), dtype=np.float32)
 
 
@@ -702,7 +702,7 @@ def made_anew(cached: Any) -> Any:
 
 
 def not_known(function: Any) -> Any:
-    """Without what was described of other objects at the same time."""
+    """Descriptions made without those of other objects at the same time."""
     return lambda *given, known=None, **named: function(*given, known=None, **named)
 
 
@@ -712,8 +712,8 @@ def not_shared(function: Any) -> Any:
 
 @dataclass(frozen=True)
 class Entry:
-    """A thing to switch off. place: where it is, from the package on; off: what that means; workloads: where it should
-    show. by_clock: whether its time is that of the clock."""
+    """A thing to switch off. place: its place in the package; off: the meaning of switching it off; workloads: where
+    the effect should show. by_clock: whether its time is by the clock."""
 
     place: str
     off: str
@@ -854,7 +854,7 @@ ENTRIES = [
 ]
 
 
-# What is computed once, by the name in the table. These are counted, all in one run.
+# The caches, by their names in the table, all counted in one run.
 TOPOLOGY = "face_sizes", "corner_faces", "next_corner", "previous_corner", "edge_face_counts", "vertex_face_counts"
 TABLES = {
     SURFACE + "triangle_coefficients": ("arguments_of", "_ways_to_share", "_coefficients_over"),
@@ -863,7 +863,7 @@ TABLES = {
 }
 CACHES = {
     "topology": [MESH + f"polygon_mesh.PolygonMesh.{name}" for name in (*TOPOLOGY, "_twins")],
-    # They are made from each other.
+    # Some are made from others.
     "tables": [f"{module}.{name}" for module, names in TABLES.items() for name in names],
     **{
         place: [place]
@@ -884,8 +884,8 @@ CACHES = {
 
 
 def run_each(workload: str, names: list[str]) -> None:
-    """Do the work once for each thing to switch off, by name, or none: in processes that begin when its input has been
-    made. Prints what each took."""
+    """Do the work once for each thing to switch off, by name, or none, in processes that begin once the input is made.
+    Prints the time of each."""
     if not workload.startswith("threads"):
         one_thread()
     work = WORKLOADS[workload]()
@@ -916,7 +916,7 @@ def run(work: Callable[[], Any], entry: Entry | None) -> Figures:
 
 
 def run_counting(workload: str) -> Figures:
-    """Do the work in this process: its time, and by the name of each cache what it would take without that."""
+    """Do the work in this process: its time, and by the name of each cache the time without it."""
     one_thread()
     work = WORKLOADS[workload]()
     counted = {name: [count_anew(place) for place in places] for name, places in CACHES.items()}
@@ -932,7 +932,7 @@ def processor_time() -> float:
 
 
 def memory(*, peak: bool) -> float:
-    """Kilobytes of this process: what it takes, from when on the peak is counted, or the peak."""
+    """The memory of this process in kilobytes: at present, with the peak counted from now on, or the peak."""
     if not peak:
         Path("/proc/self/clear_refs").write_text("5")
     lines = Path("/proc/self/status").read_text().splitlines()
@@ -951,7 +951,7 @@ class Measurement:
                 self.found[name, workload].append(tuple(figures))
 
     def of_entries(self, entries: list[Entry], workload: str) -> None:
-        """Once for each, in turn with everything on."""
+        """Measure each entry, in turn with everything on."""
         for start in range(0, len(entries), RUNS_BETWEEN):
             names = [each.name for each in entries[start : start + RUNS_BETWEEN]]
             # Blender's own threads do not come along to another process.
@@ -961,7 +961,7 @@ class Measurement:
                 self._note(name, workload, on, figures)
 
     def of_caches(self, names: list[str], workload: str) -> None:
-        """All of them at once."""
+        """Measure all caches at once."""
         (counted,) = self._run("--count", workload)
         for name in names:
             rest = {"clock": 1.0, "memory": 1.0, "faces": 1.0}
@@ -1000,7 +1000,7 @@ def table(entries: list[Entry], caches: list[str], found: Found) -> str:
 
 
 def row(place: str, off: str, gains: list[str]) -> str:
-    """place: the last part of the module's name, then the name there, which may be that of a class's member."""
+    """The row of an entry. place: the last part of the module's name, then the name there, also of a class's member."""
     names = place.split(".")
     at = len(names) - (3 if len(names) > 2 and names[-2].strip("_")[0].isupper() else 2)
     cells = [f"`{'.'.join(names[at + 1 :])}`", f"`{names[at]}`" if at >= 0 else "", off, *gains]
@@ -1008,7 +1008,7 @@ def row(place: str, off: str, gains: list[str]) -> str:
 
 
 def ratios_of(found: Found, name: str) -> dict[str, Figures]:
-    """By workload, without a thing to with it: of the least times, and the medians of the others."""
+    """The ratios without a thing to with it, by workload: of the least times, and of the medians of the others."""
     ratios = {}
     for (of, workload), pairs in found.items():
         if of == name:

@@ -12,7 +12,7 @@ import bpy
 
 
 def cell(text: str) -> str:
-    """A name may hold tabs, line breaks and whatever a terminal would obey."""
+    """The text with escapes for tabs, line breaks and control characters."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How near all meshes of a folder of .blend files are to their limit surfaces as they are, as a table.
+"""The distances of all meshes in a folder of .blend files from their limit surfaces, as a table.
 
     blender -b --python-exit-code 1 --python examples/folder_report.py -- FOLDER
 
@@ -30,7 +30,7 @@ def main(folder: Path) -> None:
                 table.writerow([path.name, obj.name, "", "", str(fault).strip()])
                 continue
             record = obj.data.ccdepth
-            # In full: rounded to the nearest they would promise too much.
+            # All digits, as rounding to nearest would promise too much.
             table.writerow([path.name, obj.name, record.deviation, record.deviation_reached, ""])
         sys.stdout.flush()
 

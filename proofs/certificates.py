@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Certificates for constants of extraordinary patches (needs scipy).
 
-Every point of a facet, of a refined net and of the surface is a linear functional c of the net. One that vanishes on
-every net without second differences is c = Dᵀy for some y, D being the matrix of the 2n + 10 second differences; then
-‖c·V‖ = ‖y·(DV)‖ ≤ ‖y‖₁ · M. A small ‖y‖₁ is a certificate that anybody can check: least squares gives one at once,
-and linear programming the least, which is the largest c·V of all nets with M ≤ 1.
+Every point of a facet, of a refined net and of the surface is a linear functional c of the net. A functional that
+vanishes on every net without second differences is c = Dᵀy for some y, D being the matrix of the 2n + 10 second
+differences; then ‖c·V‖ = ‖y·(DV)‖ ≤ ‖y‖₁ · M. A small ‖y‖₁ is a certificate that anybody can check: least squares gives
+one at once, and linear programming the least, equal to the largest c·V of all nets with M ≤ 1.
 
 The facet without its extraordinary corner is tiled by the regular patches of every level; on each tile the surface and
 the facet are bicubic, so their distance there is at most the largest Bernstein coefficient of their difference, on the
@@ -31,13 +31,13 @@ from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import regular_nets
 
-# More than double precision can lose in a certificate, which is checked for each; far below the margins that are met.
+# More than double precision can lose in a certificate, as checked for each; far below the margins.
 ROUNDING = 1e-10
 
 # Singular values of D below this part of the largest are zero: the others are above 1/n of it.
 RANK_TOLERANCE = 1e-10
 
-# How many solved programs are remembered, to bound further functionals without solving theirs.
+# The number of solved programs remembered, to bound further functionals without solving theirs.
 REMEMBERED = 32
 
 # Children 1 and 2 of the facet (3 mirrors 1): their corners in the parent's parameters, in the child's own order.
@@ -45,11 +45,11 @@ TILES = {1: ((1, 0), (1, 0.5), (0.5, 0.5), (0.5, 0)), 2: ((1, 1), (0.5, 1), (0.5
 
 
 class NotCertifiedError(Exception):
-    """No certificate was found; the claim may still be true."""
+    """The error of a claim without a certificate; the claim may still be true."""
 
 
 def difference_matrix(valence: int) -> FloatArray:
-    """D: (2n + 10, 2n + 8)."""
+    """D, the matrix of second differences: (2n + 10, 2n + 8)."""
     rows = second_differences(valence).T
     differences = np.zeros((len(rows), 2 * valence + 8))
     for row, (a, b, c) in enumerate(rows):
@@ -59,7 +59,7 @@ def difference_matrix(valence: int) -> FloatArray:
 
 @dataclass
 class _Solved:
-    """Solved programs: the least-squares weights of each functional, what was added to them, how far what was added is
+    """Solved programs: the least-squares weights of each functional, the addition to them, the distance of the addition
     from changing no functional (`Certifier._off`), and the worst net."""
 
     weights: list[FloatArray] = field(default_factory=list)
@@ -76,7 +76,7 @@ class _Solved:
 
 @dataclass(frozen=True)
 class Certifier:
-    """Bounds on functionals of the nets whose second differences are at most 1."""
+    """Bounds on functionals of the nets with second differences of at most 1."""
 
     differences: FloatArray
     least_squares: FloatArray
@@ -106,7 +106,7 @@ class Certifier:
         return float(np.abs(weights).sum()) + ROUNDING
 
     def upper(self, functionals: FloatArray) -> FloatArray:
-        """(rows,): a bound on each functional, from least squares and what the solved programs added to it there."""
+        """(rows,): a bound on each functional, from least squares and the additions of the solved programs."""
         start = functionals @ self.least_squares.T
         off = self._check(start, functionals)
         bounds = np.abs(start).sum(axis=1)
@@ -115,7 +115,7 @@ class Certifier:
         return bounds + ROUNDING
 
     def _off(self, weights: FloatArray, functionals: FloatArray) -> FloatArray:
-        """(rows,): by how much the least sum of absolute weights for functionals c may exceed that of weights y.
+        """(rows,): bounds of the excess of the least sum of absolute weights for functionals c over that of weights y.
 
         c - Dᵀy vanishes with the second differences as c does, so y + L(c - Dᵀy) makes c, L being least squares,
         with a sum of absolute weights at most ‖L(c - Dᵀy)‖₁ above that of y.
@@ -123,11 +123,11 @@ class Certifier:
         return np.abs(weights @ self.differences - functionals) @ np.abs(self.least_squares).sum(axis=0)
 
     def _check(self, weights: FloatArray, functionals: FloatArray) -> FloatArray:
-        """(rows,): ``_off`` of weights (rows, 2n + 10). Raises NotCertifiedError where they do not make the functionals
-        but for rounding.
+        """(rows,): ``_off`` of weights (rows, 2n + 10), 10⁻¹² or so. Raises NotCertifiedError unless the weights make
+        the functionals but for rounding.
 
-        It is 10⁻¹² or so. What the functionals themselves are off, by products of some ten matrices of averages, counts
-        alike: hence a half.
+        The error of the functionals themselves, from products of some ten matrices of averages, counts alike: hence a
+        half.
         """
         off = self._off(weights, functionals)
         if off.max(initial=0.0) > ROUNDING / 2:
@@ -152,13 +152,13 @@ class Certifier:
         return np.where(off + np.abs(likeness) * self.solved.off[index] <= ROUNDING / 2, sums, np.inf)
 
     def lower(self, functionals: FloatArray) -> FloatArray:
-        """(rows,): what the worst nets of the solved programs make of each functional."""
+        """(rows,): the largest value of each functional on the worst nets of the solved programs."""
         if not self.solved.nets:
             return np.zeros(len(functionals))
         return np.abs(functionals @ np.stack(self.solved.nets, axis=1)).max(axis=1)
 
     def largest(self, functionals: FloatArray, enough: float, precision: float = 0.0) -> float:
-        """A bound on all the functionals, (…, 2n + 8): ``enough``, or what exceeds it, to a relative precision."""
+        """A bound on all the functionals, (…, 2n + 8): ``enough``, or a larger bound to a relative precision."""
         rows = functionals.reshape(-1, functionals.shape[-1])
         bounds = self.upper(rows)
         while len(rows) and bounds.max() > enough:
@@ -170,7 +170,7 @@ class Certifier:
         return enough
 
     def pieces_above(self, pieces: FloatArray, claim: float) -> NDArray[np.bool_]:
-        """(pieces,) bool: those Bernstein blocks that have a coefficient above the claim for some net."""
+        """(pieces,) bool: whether Bernstein blocks have a coefficient above the claim for some net."""
         rows = pieces.reshape(-1, pieces.shape[-1])
         above = (self.lower(rows) > claim).reshape(-1, 16).any(axis=1)
         bounds = self.upper(rows)
@@ -187,7 +187,7 @@ class Certifier:
 
 
 def tiles(patch: PolygonMesh, levels: int) -> Iterator[tuple[int, int, FloatArray]]:
-    """(level, tile, net of the tile (4, 4, 2n + 8)); last (levels, 0, limits of the corners of what is left)."""
+    """The tiles: (level, tile, net of the tile (4, 4, 2n + 8)); last (levels, 0, limits of the corners of the rest)."""
     for level in range(1, levels + 1):
         children = subdivide(submesh(patch, np.array([0]))[0]).mesh
         nets = regular_nets(children, np.array([1, 2]))
@@ -198,7 +198,7 @@ def tiles(patch: PolygonMesh, levels: int) -> Iterator[tuple[int, int, FloatArra
 
 
 def bernstein(net: FloatArray) -> FloatArray:
-    """(4, 4, D) net → (4, 4, D) Bernstein coefficients."""
+    """(4, 4, D): the Bernstein coefficients of a net (4, 4, D)."""
     return np.einsum("ai,bj,ijd->abd", SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN, net)
 
 
@@ -208,7 +208,7 @@ def bilinear(corners: FloatArray, u: float, v: float) -> FloatArray:
 
 
 def facet_over_tile(corners: FloatArray, level: int, tile: int) -> FloatArray:
-    """(4, 4, D): the Bernstein coefficients over a tile of the facet with those corners (4, D)."""
+    """(4, 4, D): the Bernstein coefficients over a tile of the facet with corners (4, D)."""
     scale = 2.0 ** (1 - level)
     return bilinear_coefficients(np.stack([bilinear(corners, u * scale, v * scale) for u, v in TILES[tile]]))
 

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Proves the limit-vertex factors of ``ccdepth_addon.core.bounds``, valence by valence (needs scipy).
+"""The proof of the limit-vertex factors of ``ccdepth_addon.core.bounds``, valence by valence (needs scipy).
 
     python -m proofs.certify_limit_factors [LAST_VALENCE]
 
 Claim: on an extraordinary facet with limit vertices, ‖L̂ - S‖ ≤ factor · M for every net of that valence.
 
-Proof. ``certificates`` has the tiles and how their Bernstein coefficients are bounded. What is left after the last
-tile, [0, 2⁻ᵐ]², is a facet of its own at level m: there ‖L̂ - S‖ ≤ max over its corners of ‖L̂ - L̂ᵐ‖ (a difference of
-bilinear functions) + the published bound of level m with the corners' way to the limit (``norm_bounds``), which has
-shrunk by then.
+Proof. ``certificates`` has the tiles and the bounds of their Bernstein coefficients. The rest after the last tile, [0,
+2⁻ᵐ]², is a facet of its own at level m: there ‖L̂ - S‖ ≤ max over its corners of ‖L̂ - L̂ᵐ‖ (a difference of bilinear
+functions) + the published bound of level m with the corners' way to the limit (``norm_bounds``), which has shrunk by
+then.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SPLITS = (3, 1)  # how often the tiles of the first levels are halved both ways;
 
 
 def certify(valence: int, claim: float) -> float:
-    """A proved bound on ‖L̂ - S‖/M over all nets of a valence, ``claim`` when that much can be proved."""
+    """A proved bound on ‖L̂ - S‖/M over all nets of a valence, ``claim`` if that can be proved."""
     patch = stencil_patch(valence)
     certifier = Certifier.of(valence)
     facet = limit_positions(patch)[patch.corner_vertices[:4]]

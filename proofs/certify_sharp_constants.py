@@ -1,23 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Makes the tables of the method Sharp, ``ccdepth_addon/core/bounds/sharp_constants.py``, and proves them.
+"""The tables of the method Sharp, ``ccdepth_addon/core/bounds/sharp_constants.py``, and their proof.
 
     python -m proofs.certify_sharp_constants [VALENCE …]
 
-Without arguments it makes the file; with valences it prints what it finds of them. Needs scipy.
+Without arguments the program makes the file; with valences it prints their constants. Needs scipy.
 
 Claim: for every net of valence n with second-order norm M, ‖Lᵏ - S‖ ≤ factors[k] · M on the whole face at level k, with
 control or with limit vertices; after these the last ``PERIOD`` recur, times ``rate`` each time.
 
-Proof (``certificates`` has the means). T is the matrix of a step from the net to that of the child at the extraordinary
-vertex, so what holds of L - S holds of Lᵏ - S on the level-k facet at that vertex with each functional times Tᵏ.
+Proof (``certificates`` has the means). T is the matrix of a step from the net to the net of the child at the
+extraordinary vertex, so bounds of L - S hold of Lᵏ - S on the level-k facet at that vertex with each functional times
+Tᵏ.
 
 - That facet: Bernstein coefficients of L - S on the tiles of levels 1 … ``TILED_LEVELS``, times Tᵏ, split where they
   exceed the claim. On the rest, [0, 2⁻ᵐ]² of it, ‖L - S‖ ≤ max over the corners of ‖L - L̂ᵐ‖ + the published bound of
   the level k + m, whose norm is at most the sum of the weights of its differences.
-- The regular level-k subfaces, children of level m of the facet or descendants of such. With A = S_uu, B = S_vv and
-  R = S_uuvv of the child, j = k - m levels on ‖L - S‖ ≤ s(‖A‖ + ‖B‖) + s²‖R‖, s = 4⁻ʲ/6, or 4⁻ʲ/8 with limit vertices
-  (docs/methods.md); a patch for which that is too much is split by knot insertion, and at its own level L - S is taken
-  in Bernstein form.
+- The regular level-k subfaces, children of level m of the facet or descendants of such. With A = S_uu, B = S_vv and R =
+  S_uuvv of the child, j = k - m levels on ‖L - S‖ ≤ s(‖A‖ + ‖B‖) + s²‖R‖, s = 4⁻ʲ/6, or 4⁻ʲ/8 with limit vertices
+  (docs/methods.md); a patch with too large a bound is split by knot insertion, and at its own level L - S is taken in
+  Bernstein form.
 - Further on, with s = ``PERIOD``: level k + s at the child of level s is level k of a net whose norm is at most rM, r
   being the largest second difference of Tˢ for M ≤ 1. The regular children of levels 1 to s have the bound above;
   that it is at most rate · factors[k] at level k + s, for each of the last s levels k of the table, is part of how
@@ -58,7 +59,7 @@ DIGITS = 5
 MARGIN = 1e-5
 MOST_SPLITS = 8
 
-# What divides the second derivatives in the distance of a regular patch's facets (docs/methods.md).
+# The divisors of the second derivatives in the distance of a regular patch's facets (docs/methods.md).
 DIVISORS = {Vertices.CONTROL: 6, Vertices.LIMIT: 8}
 
 TABLES = Path(__file__).parents[1] / "ccdepth_addon" / "core" / "bounds" / "sharp_constants.py"
@@ -66,7 +67,8 @@ TABLES = Path(__file__).parents[1] / "ccdepth_addon" / "core" / "bounds" / "shar
 
 @dataclass(frozen=True)
 class SharpConstants:
-    """What holds at one valence, in units of M, by kind of vertices; reached: what some net reaches at each level."""
+    """The constants of one valence, in units of M, by kind of vertices; reached: the distance that some net reaches at
+    each level."""
 
     valence: int
     factors: dict[Vertices, list[float]]
@@ -79,8 +81,8 @@ class Geometry:
     """An extraordinary patch as stencils, rows over the D = 2n + 8 points of its net.
 
     step: (D, D), to the net of the child at the extraordinary vertex. facets: (4, D), the corners of the facet.
-    children: the regular ones, (level, tile, net (4, 4, D)). last_corners: (4, D), the limits of the corners of what
-    they leave.
+    children: the regular children, (level, tile, net (4, 4, D)). last_corners: (4, D), the limits of the corners of the
+    rest.
     """
 
     step: FloatArray
@@ -103,7 +105,7 @@ class Geometry:
         return np.stack([bernstein(net) - facet_over_tile(facet, level, tile) for level, tile, net in self.children])
 
     def last_gaps(self, vertices: Vertices) -> FloatArray:
-        """(4, D): S - L at the corners of what the tiles leave."""
+        """(4, D): S - L at the corners of the rest beside the tiles."""
         return self.last_corners - facet_corner(self.facets[vertices], TILED_LEVELS)
 
     def children_of_level(self, level: int) -> Iterator[FloatArray]:
@@ -118,7 +120,7 @@ def regular_error(net: FloatArray, vertices: Vertices) -> FloatArray:
 
 
 def later_error(certifier: Certifier, net: FloatArray, vertices: Vertices, levels: int) -> float:
-    """A bound on a regular patch's facets so many levels after its own, (‖A‖ + ‖B‖)s + ‖R‖s²."""
+    """A bound on a regular patch's facets a number of levels after its own, (‖A‖ + ‖B‖)s + ‖R‖s²."""
     scale = 1 / DIVISORS[vertices] / 4**levels
     derivatives = certifier.upper(second_derivatives() @ net.reshape(16, -1))
     a, b, r = (float(part.max()) for part in (derivatives[:8], derivatives[8:16], derivatives[16:]))
@@ -128,7 +130,7 @@ def later_error(certifier: Certifier, net: FloatArray, vertices: Vertices, level
 def regular_pieces(
     certifier: Certifier, net: FloatArray, vertices: Vertices, levels: int, enough: float
 ) -> Iterator[FloatArray]:
-    """The Bernstein blocks of S - L so many levels after a regular patch's own that may exceed ``enough``."""
+    """The Bernstein blocks of S - L that may exceed ``enough``, a number of levels after a regular patch's own."""
     if levels == 0:
         yield regular_error(net, vertices)
     elif later_error(certifier, net, vertices, levels) > enough:
@@ -139,7 +141,7 @@ def regular_pieces(
 
 
 def rounded_up(value: float) -> float:
-    """To ``DIGITS`` significant digits."""
+    """The number rounded up to ``DIGITS`` significant digits."""
     unit = 10.0 ** (np.floor(np.log10(value)) + 1 - DIGITS)
     return float(f"{np.ceil(value / unit) * unit:.{DIGITS}g}")
 
@@ -150,7 +152,8 @@ def corner_rows(pieces: FloatArray) -> FloatArray:
 
 
 def certified_factor(certifier: Certifier, pieces: FloatArray, least: float) -> tuple[float, float]:
-    """A bound on Bernstein blocks, ``least`` or more, that is ``rounded_up`` from what some net reaches; and that."""
+    """A bound on Bernstein blocks, ``least`` or more, ``rounded_up`` from the value that some net reaches; and that
+    value."""
     corners = corner_rows(pieces)
     certifier.largest(corners, 0.0, MARGIN)
     reached = float(certifier.lower(corners).max())
@@ -171,7 +174,7 @@ def certified_factor(certifier: Certifier, pieces: FloatArray, least: float) -> 
 def level_factor(
     valence: int, geometry: Geometry, certifier: Certifier, vertices: Vertices, level: int
 ) -> tuple[float, float]:
-    """The factor of a level, and what some net reaches there."""
+    """The factor of a level, and the distance that some net reaches there."""
     power = np.linalg.matrix_power(geometry.step, level)
     pieces = geometry.facet_error(vertices) @ power
     certifier.largest(corner_rows(pieces), 0.0, MARGIN)
@@ -191,7 +194,7 @@ def level_factor(
 
 
 def certified_rate(geometry: Geometry, certifier: Certifier, factors: dict[Vertices, list[float]]) -> float:
-    """What the last ``PERIOD`` factors shrink by when they recur, rounded up."""
+    """The rate by which the last ``PERIOD`` factors shrink when they recur, rounded up."""
     norm = certifier.largest(certifier.differences @ np.linalg.matrix_power(geometry.step, PERIOD), 0.0)
     regular = max(
         later_error(certifier, net, vertices, level + PERIOD - born) / factors[vertices][level]
@@ -252,7 +255,7 @@ RATES: dict[int, float] = {{
 
 
 def compact(value: float) -> str:
-    """As 1.2345e-3, the same width for all."""
+    """The number in the form 1.2345e-3, with the same width for all."""
     mantissa, exponent = f"{value:.{DIGITS - 1}e}".split("e")
     return f"{mantissa}e{int(exponent)}"
 

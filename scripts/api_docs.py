@@ -55,7 +55,7 @@ def page() -> str:
 def _entry(name: str, item: Any) -> str:
     text = inspect.cleandoc(item.__doc__ or "")
     if inspect.isfunction(item) or is_dataclass(item):
-        # Defaults that are functions or members of enums are told by their names alone.
+        # Defaults that are functions or members of enums are given by their names alone.
         heading = re.sub(r"<(?:function )?([\w.]+)(?: at 0x|: )[^>]*>", r"\1", f"{name}{inspect.signature(item)}")
         heading = heading.removesuffix(" -> None") if is_dataclass(item) else heading
     elif issubclass(item, Enum):

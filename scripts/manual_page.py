@@ -4,7 +4,7 @@
 python scripts/manual_page.py            writes the page
 python scripts/manual_page.py --check    fails when the page is not what would be written
 
-Of Markdown it knows what the manual uses: headings, paragraphs, lists, tables, pictures, and marks inside lines.
+The script knows the Markdown of the manual: headings, paragraphs, lists, tables, pictures, and marks inside lines.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ td, th {{ border-bottom: 1px solid #8884; padding: 0.3em 1em 0.3em 0; text-align
 </html>
 """
 
-# In this order: what stands in code or has become a tag is not marked again.
+# The order matters: code and tags are not marked again.
 MARKS = (
     (r"`([^`]+)`", r"<code>\1</code>"),
     (r"!\[([^]]*)\]\([^)]*?([^/)]+)\)", r'<img src="\2" alt="\1">'),
@@ -59,7 +59,7 @@ def page() -> str:
 
 
 def anchor(heading: str) -> str:
-    """Where the page is entered at a heading: as other renderers of Markdown have it."""
+    """The anchor of a heading, as in other renderers of Markdown."""
     return re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-")
 
 
@@ -76,7 +76,7 @@ def _block(text: str) -> str:
 
 
 def _list(text: str) -> str:
-    """Items; lines that are indented go on with the one above."""
+    """The items of a list; an indented line continues the line above."""
     kind = "ul" if text.startswith("- ") else "ol"
     items = re.split(r"\n(?=- |\d+\. )", text)
     joined = (re.sub(r"\s*\n\s+", " ", ITEM.sub("", item)) for item in items)

@@ -28,7 +28,7 @@ SECONDS = 300.0
 
 
 def take_pictures(folder: Path, screen: str) -> None:
-    """Take a picture of each scene that Blender says is ready. Raises TimeoutError."""
+    """Take a picture of each scene once Blender reports it ready. Raises TimeoutError."""
     until = time.monotonic() + SECONDS
     while not (folder / "end.ready").exists():
         if time.monotonic() > until:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs inside the Blender whose window is shown in the manual: sets one scene after another, and waits for its picture.
+"""The scenes of the manual's pictures: runs inside a Blender with a window, sets one scene after another, and waits for
+its picture.
 
-The folder of ``CCDEPTH_PICTURES`` gets a file NAME.ready for each, and the next follows when that is gone.
+The folder of ``CCDEPTH_PICTURES`` gets a file NAME.ready for each scene; once the file is gone, the next scene follows.
 """
 
 from __future__ import annotations

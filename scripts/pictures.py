@@ -62,7 +62,7 @@ README, FEATURED = Sheet(1240, 620, 560, 22), Sheet(1920, 1080, 900, 34)
 
 
 def subdivided_suzanne() -> bpy.types.Mesh:
-    """Suzanne at the level that all of her faces need, as her modifier makes her."""
+    """Suzanne by her modifier, at the level that all of her faces need."""
     suzanne = scene.add_suzanne()
     modifier = suzanne.modifiers.new("Subdivision", "SUBSURF")
     modifier.levels, modifier.quality, modifier.use_limit_surface = LEVEL, 10, True
@@ -70,7 +70,7 @@ def subdivided_suzanne() -> bpy.types.Mesh:
 
 
 def adaptive_suzanne() -> bpy.types.Mesh:
-    """Suzanne as Apply Adaptive Subdivision makes her."""
+    """Suzanne by Apply Adaptive Subdivision."""
     for other in bpy.context.selected_objects:
         other.select_set(False)
     suzanne = scene.add_suzanne()
@@ -114,7 +114,7 @@ def drawn(mesh: bpy.types.Mesh, size: int) -> Image.Image:
 
 
 def before_and_after(sheet: Sheet, before: bpy.types.Mesh, after: bpy.types.Mesh) -> Image.Image:
-    """The two meshes with their numbers of faces, which are within the same tolerance."""
+    """The two meshes, within the same tolerance, with their numbers of faces."""
     picture = Image.new("RGB", (sheet.width, sheet.height), PAPER)
     pen = ImageDraw.Draw(picture)
     line = sheet.letters * 3 // 2
@@ -131,7 +131,7 @@ def before_and_after(sheet: Sheet, before: bpy.types.Mesh, after: bpy.types.Mesh
 
 
 def icon() -> Image.Image:
-    """A square that is divided the further the nearer it is to a corner, in the colours of the depths."""
+    """A square divided further and further towards a corner, in the colours of the depths."""
     side = ICON_SIZE * OVERSAMPLING
     cell = side / 8
     image = Image.new("RGBA", (side, side))

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Run a command that runs pytest, show one line of progress, and end what hangs.
+"""Run a command that runs pytest, show one line of progress, and end hanging processes.
 
     python scripts/supervise_tests.py COMMAND [ARGUMENT…]
 
-The command loads `tests.progress`, which tells what each process does. The whole run has no limit, as a busy machine
-needs longer. A process that has been at one test for ten minutes is ended, and so is a command that does not exit a
-minute after its last test: Blender as a module can hang on its way out, and a test can hang in C, where no thread can
-end it. The status is that of pytest, or 128 and the signal where a crash or this program ended it.
+The command loads `tests.progress`, which reports the work of each process. The whole run has no limit, as a busy
+machine needs longer. A process that has been at one test for ten minutes is ended, and so is a command that does not
+exit a minute after its last test: Blender as a module can hang on its way out, and a test can hang in C, where no
+thread can end it. The status is that of pytest, or 128 and the signal where a crash or this program ended it.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from typing import Any, TextIO
 
 TEST_SECONDS = 600.0
 EXIT_SECONDS = 60.0
-# How often a line is written where the output is no terminal, and where it is one.
+# The seconds between lines without a terminal, and on a terminal.
 LINE_SECONDS, TERMINAL_SECONDS = 20.0, 0.5
 
 
 @dataclass
 class Run:
-    """What is known of a run: its tests by process, and when something was last heard."""
+    """The known state of a run: its tests by process, and the time of the last report."""
 
     total: int = 0
     finished: int = 0
@@ -70,7 +70,7 @@ def say(text: str) -> None:
 
 
 def show(text: str) -> None:
-    """Write the line of progress, over the one before where the output is a terminal."""
+    """Write the line of progress, on a terminal over the one before."""
     if sys.stdout.isatty():
         width = os.get_terminal_size().columns
         print(f"\r\033[K{text[: width - 1]}", end="", flush=True)
@@ -96,7 +96,7 @@ def end(pid: int) -> None:
 
 
 def events_in(file: TextIO) -> Iterator[dict[str, Any]]:
-    """The events that were written since the last call; none of them halved."""
+    """The events written since the last call, none of them halved."""
     while (line := file.readline()).endswith("\n"):
         yield json.loads(line)
     file.seek(file.tell() - len(line.encode()))
@@ -124,7 +124,7 @@ def watch(process: subprocess.Popen[bytes], events: TextIO) -> Run:
 
 
 def supervise(command: list[str]) -> int:
-    """Run the command; its status, or pytest's where the command did not exit."""
+    """Run the command; returns its status, or pytest's if the command did not exit."""
     with tempfile.NamedTemporaryFile("r", suffix=".jsonl", encoding="utf-8") as events:
         environment = {**os.environ, "CCDEPTH_PROGRESS": events.name}
         process = subprocess.Popen(command, env=environment, start_new_session=True)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def virtual_display(width: int, height: int) -> Iterator[str]:
-    """Its name, for DISPLAY; the server, Xvfb, itself finds a free number."""
+    """The name of the display, for DISPLAY; the server, Xvfb, itself finds a free number."""
     reading, writing = os.pipe()
     command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{width}x{height}x24", "-nolisten", "tcp"]
     server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)

@@ -3,12 +3,12 @@
 
     python3 run_files.py LIST NUMBERS REPORTS [--blender PROGRAM] [--options OPTIONS]
 
-LIST: a text file with the path of a file in each line, absolute or as seen from its folder; Blender is started there.
-NUMBERS: which lines, like 26-50; the first is 1. REPORTS: the folder the report goes to, made where there is none.
-OPTIONS: those of CC Depth's command line as one text, quoted as in a shell.
+LIST: a text file with the path of a file in each line, absolute or relative to its folder; Blender is started there.
+NUMBERS: the lines, like 26-50; the first is 1. REPORTS: the folder for the report, made if missing. OPTIONS: options of
+CC Depth's command line as one text, quoted as in a shell.
 
-Exit status 0 says that the report was written. What failed is in there: gathering the reports tells of it, so that one
-broken file neither stops the others nor is tried again and again.
+Exit status 0 says that the report was written, with all failures; gathering the reports names them. So one broken file
+neither stops the others nor is tried again and again.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def main() -> int:
     report = arguments.reports.absolute() / f"{numbers[0]:08}-{numbers[-1]:08}.json"
     report.parent.mkdir(parents=True, exist_ok=True)
     report.unlink(missing_ok=True)
-    # Another Blender does the files, so that one that ends it is no more than a failure in the report.
+    # Another Blender does the files, so that a crash is only a failure in the report.
     options = [*given, "--jobs", "1", "--json", str(report), "--", *files]
     command = [arguments.blender, "-b", "--command", "ccdepth", *options]
     status = subprocess.run(command, cwd=arguments.list.absolute().parent, check=False).returncode
@@ -55,7 +55,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _lines(path: Path, numbers: range) -> list[str]:
-    """These lines of a text file. Raises SystemExit when there are not so many."""
+    """Lines of a text file by their numbers. Raises SystemExit for missing lines."""
     # Some editors write a mark before UTF-8.
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     if numbers.start < 1 or numbers.stop > len(lines) + 1 or not numbers:
