@@ -36,7 +36,7 @@ def users(count: int) -> None:
 
 
 def scaled_users(count: int) -> None:
-    """Objects that share one mesh, at scales of which none is larger than another along every axis."""
+    """Objects that share one mesh, at scales without a largest one along every axis."""
     users(count)
     for index, blender_object in enumerate(bpy.context.scene.objects):
         stretch = 1.0 + index / count

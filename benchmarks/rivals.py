@@ -9,11 +9,10 @@ Each row is a mesh: its faces and triangles, its distance from the limit surface
 seconds of processor time. The distance is found twice: by samples and libigl, both ways against a level many times
 finer; and by Measure Deviation, reached and proved.
 
-"Asked" is what a program makes when it is told the tolerance. "By trial" is the mesh of fewest triangles, of
-``TRIALS`` bisections of what the program is told, that is within the tolerance by samples: the seconds of the whole
-search, samples included, stand beside those of the run that made the mesh. Programs that reduce begin with the surface
-two levels above the least that will do, or one, where two are finer than what samples are compared with; making that
-level is counted in.
+"Asked" is the mesh of a program given the tolerance. "By trial" is the mesh of fewest triangles within the tolerance by
+samples, of ``TRIALS`` bisections of the program's parameter: the seconds of the whole search, samples included, are
+beside the seconds of the mesh's run. Programs that reduce begin with the surface two levels above the least sufficient
+one, or one level above, if two are finer than the mesh for samples; making that level counts.
 """
 
 from __future__ import annotations

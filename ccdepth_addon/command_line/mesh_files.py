@@ -77,7 +77,7 @@ UNITS = {".stl": 0.001, ".obj": 1.0, ".ply": 1.0}
 # Files that lie beside one of this format and belong to it.
 COMPANIONS = {".obj": (".mtl",)}
 
-# The data that a mesh can hold, and the data that each format loses, or that Blender does not write into it.
+# The data of a mesh, and the data lost by each format, or by Blender's writer.
 HELD: dict[str, Callable[[bpy.types.Mesh], bool]] = {
     "materials": lambda mesh: any(mesh.materials),
     "UV maps": lambda mesh: len(mesh.uv_layers) > 0,

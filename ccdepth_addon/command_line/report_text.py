@@ -36,7 +36,7 @@ def _result_text(record: bpy.types.PropertyGroup) -> str:
 
 
 def losses(entry: FileEntry) -> Iterator[str]:
-    """The parts of a file that were left out, and the parts of objects that the written file does not hold."""
+    """The omitted parts of a file, and the parts of objects missing from the written file."""
     for name, reason in (entry.left_out or {}).items():
         yield f"“{printable(name)}” is left out: {reason.lower().replace('_', ' ')}"
     if entry.lost:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether files may run scripts, and the objects whose shapes depend on drivers that did not run."""
+"""The permission of files to run scripts, and the objects that depend on drivers without it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def scripts_as_started() -> Iterator[None]:
 
 
 def without_drivers(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Object, str]:
-    """The objects that depend on a driver that did not evaluate, and the expression of one such driver each.
+    """The objects that depend on an unevaluated driver, and the expression of one such driver each.
 
     An object depends on all used data: its mesh and shape keys, its parent, the data named by its modifiers,
     constraints and drivers, and the data used by these.

@@ -117,8 +117,8 @@ def _remove_left(path: Path) -> None:
 def written_whole(
     path: Path, *, backups: int = 0, companions: Sequence[str] = (), overwrite: bool = True
 ) -> Iterator[Path]:
-    """A path to write to, which takes the place of ``path``, which is claimed, afterwards if it is a whole file, as far
-    as can be told.
+    """A path to write to, for a file that takes the place of the claimed ``path`` afterwards, if whole, as far as can
+    be told.
 
     backups: the number of earlier versions of the file to keep, named as by Blender: .blend1, .blend2, … companions:
     suffixes of files written beside it that belong to it. Raises UnwrittenError if the file is not whole or cannot be

@@ -35,8 +35,8 @@ class Edges:
     """The ways in which triangles lie around the edges of a mesh.
 
     are_closed: whether each edge has two triangles, or another even number, so that the mesh has no border.
-    are_oriented: whether the numbers of triangles that run along each edge one way and the other differ by one at most,
-    so that adjacent triangles have the same side outside.
+    are_oriented: whether adjacent triangles have the same side outside: along each edge the numbers of triangles one
+    way and the other differ by one at most.
     """
 
     are_closed: bool

@@ -24,7 +24,7 @@ ORIGIN_ATTRIBUTE = "ccdepth_origin"
 NO_ORIGIN = -1
 
 # The second number of an origin is the square of the first modulo this prime. Averaged origins of several faces do not
-# fit together, which shows that a modifier has merged these faces.
+# fit together, and so show that a modifier has merged faces.
 ORIGIN_PRIME = 2**31 - 1
 
 # Objects evaluated at once, and vertices of their own meshes: few enough to keep the window responsive.

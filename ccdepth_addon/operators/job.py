@@ -21,7 +21,7 @@ SECONDS_TO_WAIT = 0.02
 
 
 class Cancelled(Exception):
-    """The error that the progress function raises in work that the caller has given up."""
+    """The error that the progress function raises in abandoned work."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE
 class LongOperator(properties.ToleranceProperties, MeshOperator):
     """An operator that works in steps: at once from a script; from the window with progress, until Esc cancels the run.
 
-    Settings that the caller does not set come from the scene, which has them under the same names.
+    Settings that the caller does not set come from the scene, under the same names.
     """
 
     # None unless it runs: Blender keeps operators that have run, and would keep their work with them.

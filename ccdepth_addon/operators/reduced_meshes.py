@@ -23,7 +23,7 @@ from ..tasks.surfaces import naming
 from .job import Steps, Work
 from .place_results import NewMesh, make_meshes
 
-# The number of times that thinning is tried again without the places where thinner lines are too far off.
+# The number of times that thinning is tried again, without the places of too distant lines.
 ROUNDS_FOR_LINES = 4
 
 

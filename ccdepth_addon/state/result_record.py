@@ -61,7 +61,7 @@ SETTINGS = properties.setting_names(ResultRecord)
 
 
 def is_result(blender_object: bpy.types.Object) -> bool:
-    """Whether the object is a result that came from another object, which may be gone."""
+    """Whether the object is a result of another object, even a deleted one."""
     return blender_object.type == "MESH" and bool(blender_object.ccdepth.source_name)
 
 

@@ -145,7 +145,7 @@ def _never_fit(tasks: list[AdaptiveTask], most_faces: int) -> bool:
 
 
 def _next_guess(best: Fit, too_fine: float, most_faces: int) -> float:
-    """The next tolerance to try between one that fits and one, or 0, that is too fine."""
+    """The next tolerance to try between a fitting one and a too fine one, or 0."""
     faces = sum(best.counts)
     # On mostly flat meshes the number of faces is inversely proportional to the tolerance.
     finer = min(most_faces / max(faces, 1), LARGEST_STEP) if faces >= FEWEST_TO_EXTRAPOLATE else LARGEST_STEP

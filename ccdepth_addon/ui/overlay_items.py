@@ -72,8 +72,8 @@ def _may_have_values(evaluated: bpy.types.Object, kind: Shown) -> bool:
 
 
 def _key(evaluated: bpy.types.Object, *, is_own: bool) -> Hashable:
-    """A key that differs for objects that look different. is_own: whether modifiers of the visible object made the
-    object, as an instance."""
+    """A key, different for objects of different looks. is_own: whether modifiers of the visible object made the object,
+    as an instance."""
     original = evaluated.original
     if is_own:
         return original.session_uid, evaluated.data.session_uid, evaluated.data.name

@@ -26,8 +26,8 @@ from ..arrays.vectors import cross_products, squared_norms, units
 from ..mesh.folded_quads import is_folded
 from .templates import templates
 
-# Rounding of a thickness, in parts of the vertices' distance from the centroid: 16 roundings or less. It matters where
-# the thickness is divided by a small cosine.
+# Rounding of a thickness, in parts of the vertices' distance from the centroid: 16 roundings or less. This rounding
+# matters for a thickness divided by a small cosine.
 HEIGHT_ROUNDING = 2.0**-48
 
 # Rounding of the sum of angles around the centroid, in radians.
@@ -192,7 +192,7 @@ def _inner_triangles_turn_left(
 
 
 def _is_folded_from_middle(facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray) -> BoolArray:
-    """The triangles with one bent side that Blender might cut along the diagonal that does not start at its middle."""
+    """The triangles with one bent side that Blender might cut along the diagonal apart from its middle."""
     found = np.zeros(len(starts), dtype=bool)
     for side in range(3):
         own, after, before = starts + side, starts + (side + 1) % 3, starts + (side + 2) % 3

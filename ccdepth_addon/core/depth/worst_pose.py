@@ -16,7 +16,7 @@ from .face_depths import bounds_at_depths
 from .pose_depths import Pose, PoseDepths
 from .tolerance import ToleranceTest
 
-# The relative difference below which distances are alike, as of a mesh that is only turned, in single precision.
+# The relative difference below which distances are alike, as for a turned mesh in single precision.
 ALIKE = 1e-6
 
 

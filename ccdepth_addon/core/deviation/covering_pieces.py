@@ -352,9 +352,8 @@ def _winds_once(over: Over, count: int, margin: float) -> BoolArray:
 
 
 def _sheets(pieces: BezierPieces, over: Over, wanted: BoolArray, margin: float) -> Iterator[tuple[Over, BoolArray]]:
-    """The leaves that face along the direction, and the leaves that face against the direction, over wanted (n,)
-    regions where every leaf does either; each with (n,) bool, whether they cover the region. docs/deviation.md,
-    Sheets."""
+    """The leaves that face along the direction, and then those against it, over wanted (n,) regions without other
+    leaves; each with (n,) bool, whether the leaves cover the region. docs/deviation.md, Sheets."""
     over = over.at(np.flatnonzero(wanted[over.owners]))
     faces = facing(over.across, over.excess, margin)
     sides = pieces.sides[over.leaves]

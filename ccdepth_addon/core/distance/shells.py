@@ -19,7 +19,7 @@ from ..arrays.vectors import cross_products, dot_products, lengths, squared_norm
 # The least cosine between a vector and the normals of the triangles around.
 LEAST_COSINE = 0.05
 
-# The part of the range at which a prism might be turned inside out that the shell uses.
+# The part used by the shell of the range at which a prism might be turned inside out.
 RANGE_SHARE = 0.9
 
 

@@ -30,11 +30,9 @@ def limit_normals(mesh: PolygonMesh, points: SurfacePoints) -> FloatArray:
     sharp edges without a spline patch, the normal is taken from the face's two spokes after ``RING_STEPS`` steps: the
     error shrinks by a factor each step, except for two faces between sharp edges at a fixed vertex, with an error of
     about one part in ``RING_STEPS`` of the sector's bend. At fixed vertices a sector of several faces has no tangent
-    plane, and each face has its own normal.
-    Rounding: a point at parameters of size h from an irregular vertex lies on a patch of that size, whose shape is
-    exact to some units in the last place of the positions.
-    Where the surface has no normal (tangents parallel or zero), the face's normal is used; for a face without area, the
-    z axis.
+    plane, and each face has its own normal. Rounding: a point at parameters of size h from an irregular vertex lies on
+    a patch of that size, exact in shape to some units in the last place of the positions. Where the surface has no
+    normal (tangents parallel or zero), the face's normal is used; for a face without area, the z axis.
     """
     normals = evaluate(mesh, points, _Normals(), 3)
     missing = np.flatnonzero(~normals.any(axis=1))
