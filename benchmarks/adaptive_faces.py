@@ -53,9 +53,8 @@ STEPS = 16
 LINES = {1e-3: 9_000, 3e-4: 29_000}
 MOST_OVER_IDEAL = 1.25
 
-# Meshes as they are modelled, or hard: tolerances, in parts of the diagonal or, where they are negative, lengths; and
-# the faces and seconds of processor there were before leaves were bounded in shells. There may be 1.05 times as many
-# faces.
+# Modelled and hard meshes: tolerances, in parts of the diagonal or, if negative, as lengths; and the faces and seconds
+# of processor time before leaves were bounded in shells. A row allows 1.05 times as many faces.
 BEFORE: dict[str, dict[float, tuple[int, float]]] = {
     "bevelled cube": {1e-3: (552, 0.07), 3e-4: (1_800, 0.06)},
     "bevelled cylinder": {1e-3: (2_752, 0.10), 3e-4: (5_088, 0.09)},

@@ -35,7 +35,7 @@ REPEATS = 5
 RELATIVE_TOLERANCE = 1e-6
 SMALLER_TOLERANCE = 1e-4
 
-# Faces around the poles, and one edge in so many of the smaller grid that is creased.
+# The faces around the poles, and the number of edges of the smaller grid for each creased one.
 POLES = (64, 360)
 CREASED_PART = 5
 

@@ -78,7 +78,7 @@ def deformed(levels: int) -> bpy.types.Object:
 CASES: dict[str, Callable[[int], bpy.types.Object]] = {"armature": bending, "shape key": deformed}
 
 
-# Method and vertices, and of so many frames one.
+# Method and vertices, and the number of frames for each frame computed.
 KINDS = (("DISTANCE", "LIMIT", 10), ("CERTIFIED", "CONTROL", 1))
 
 

@@ -28,7 +28,7 @@ from time import process_time
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-# Lagrange and bpy bring their own TBB, and Lagrange does not work with the one that bpy has loaded.
+# Lagrange and bpy bring their own TBB, and Lagrange does not work with bpy's.
 with suppress(ImportError):
     import lagrange
 

@@ -56,7 +56,7 @@ IN_BLENDER = {
     *("computed", "objects", "objects with modifiers"),
 }
 
-# So many things are switched off between two runs with everything on.
+# The number of things switched off between two runs with everything on.
 RUNS_BETWEEN = 3
 
 # A ratio nearer to 1 than this is not told from it, and is printed without its workload.

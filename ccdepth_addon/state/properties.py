@@ -13,7 +13,7 @@ from ..tasks.surfaces import shortest_decimal
 DEFAULT_RELATIVE_TOLERANCE = 0.001
 DEFAULT_ABSOLUTE_TOLERANCE = 0.001
 
-# Where presets of the tolerance are, in folders of presets.
+# The place of tolerance presets in folders of presets.
 TOLERANCE_PRESETS = "ccdepth/tolerance"
 
 DEFAULT_ACCURACY = 0.05

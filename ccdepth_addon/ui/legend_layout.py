@@ -27,7 +27,7 @@ GAP = 12
 SCALE_HEIGHT = 180
 TICK_WIDTH = 5
 
-# So many colours of the scale that halves and quarters are among them.
+# The number of colours of the scale, with halves and quarters among them.
 SCALE_STEPS = 101
 
 # The sizes of a legend as it shrinks for lack of room.

@@ -34,7 +34,7 @@ NONE = -1
 # A point of a node: the place of a corner, and whether the middle of the side from there is meant.
 Point = tuple[int, bool]
 
-# How nodes are split: into halves one after the other along u or along v, or into quarters.
+# The ways to split nodes: into halves one after the other along u or along v, or into quarters.
 ALONG_U, ALONG_V, QUARTERS = 0, 1, 2
 
 # The corners of a quad, the middles of its sides, and its sides from corner to corner, as complex numbers:
@@ -383,7 +383,7 @@ class RectangleTree:
     def _split_edges(self, sides: IndexArray, corners: IndexArray, middles: NDArray[np.complex128]) -> None:
         """Split the whole edges among sides. corners, middles: the places of the midpoints."""
         whole = np.flatnonzero(self.edge_children[sides] == NONE)
-        # Of several sides along an edge the last one written remains.
+        # The last side written along an edge remains.
         self.edge_children[sides[whole]] = whole
         chosen = whole[self.edge_children[sides[whole]] == whole]
         edges = sides[chosen]
@@ -414,7 +414,7 @@ class RectangleTree:
         self._slot_vertices.append(vertices)
         self._slot_edges.append(edges)
         self._slots_before.extend(len(edges), NONE)
-        # Of several slots along an edge the last one written remains; the next rounds chain the others before it.
+        # The last slot written along an edge remains; the next rounds chain the others before it.
         while len(waiting):
             edges = self.slot_edges[waiting]
             before = self._last_slots.values[edges]

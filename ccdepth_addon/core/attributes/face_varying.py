@@ -216,7 +216,7 @@ def _sharp_corners(cut: _CutMesh, smooth: str) -> BoolArray:
         all_sharp |= changed | on_boundary
     if smooth in DARTS:
         all_sharp |= cut_open & (cut.uv_counts == 1) & ~on_boundary
-    # More than two edges with one face: the faces at the UV vertex are several fans, or one that is cut into.
+    # More than two edges with one face: the faces at the UV vertex are several fans, or one fan with a cut.
     torn = cut.edges_at(cut.mesh.edge_face_counts == 1) > 2
     single = cut.mesh.vertex_face_counts == 1
     if smooth in JUNCTIONS:

@@ -215,7 +215,7 @@ class BezierPieces:
             corners = kinds.extraordinary_corners[chosen]
             nets = extraordinary_nets(mesh, corners, valence)
             coefficients[chosen], middles[chosen], excess[chosen] = pieces_of_nets(nets, valence, self._tick)
-            # These pieces are counted from the extraordinary corner on.
+            # Corners of these pieces are counted from the extraordinary corner on.
             turned = (corners - mesh.face_starts[chosen])[:, None] + np.arange(4)
             sides[chosen] = np.take_along_axis(sides[chosen], turned % 4, axis=1)
             stores[chosen], rows[chosen] = len(self._stores), np.arange(len(chosen))

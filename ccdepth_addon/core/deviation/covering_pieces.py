@@ -321,7 +321,7 @@ def _is_beyond_border(regions: Regions, covering: Covering, margin: float) -> Bo
     along = (points * regions.towards[:, None, owners]).sum(axis=0).max(axis=0)
     farthest = np.full(regions.count, -np.inf)
     np.maximum.at(farthest, owners, along + over.excess[rows])
-    # Places have been moved with the parts, so that corners seen from them lie so much further back.
+    # Places have moved with the parts, so corners seen from them lie further back by the same distance.
     return farthest + margin < regions.least(regions.towards) + regions.moved
 
 

@@ -90,7 +90,7 @@ def over_triangles(
     inside = np.concatenate([np.einsum("c,scn->sn", PLACE_IN_QUAD, part.values[:3, CORNERS]) for part in found], axis=1)
     covered &= _are_odd(owners, inside, count, margin)
     upper[covered] = 0.0
-    # What is not covered needs no clipping.
+    # Uncovered pieces need no clipping.
     goals = np.where(covered, goals, np.inf)
     corners, excess = seen.across[:, CORNERS], pieces.excess[block]
     for part in found:

@@ -31,10 +31,10 @@ MOST_REFUSALS = 2
 # The search ends when the mergeable triangles are a smaller part of the mesh.
 LEAST_GAIN = 0.03
 
-# Where samples are within this part of the limit, the proof is postponed until it is needed.
+# With samples within this part of the limit, the proof is postponed until needed.
 SURELY_WITHIN = 0.6
 
-# Of triangles without a proof, those with samples beyond this part of the limit are to blame.
+# Triangles without a proof are to blame if their samples are beyond this part of the limit.
 NEARLY_BEYOND = 0.9
 
 # The relative accuracy of a measured deviation beyond the limit.
