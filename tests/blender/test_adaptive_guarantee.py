@@ -87,22 +87,22 @@ class Case:
 
 
 CASES = {
-    "cube": Case(NAMED["cube"], (COARSE, MIDDLE, FINE)),
-    "valence 2": Case(NAMED["valence 2"], (COARSE, MIDDLE), FINEST),
-    "valences 3 and 9": Case(NAMED["valences 3 and 9"], (COARSE, MIDDLE)),
-    "n-gons": Case(NAMED["n-gons"], (COARSE, MIDDLE, FINE)),
-    "landscape with boundary": Case(lambda: meshes.landscape(6, 5), (COARSE, MIDDLE, FINE), FINEST),
-    "triangles": Case(lambda: meshes.bumpy(meshes.bipyramid(6), 0.05), (COARSE, MIDDLE, FINE)),
+    "cube": Case(NAMED["cube"], (COARSE, FINE)),
+    "valence 2": Case(NAMED["valence 2"], (MIDDLE,), FINEST),
+    "valences 3 and 9": Case(NAMED["valences 3 and 9"], (MIDDLE,)),
+    "n-gons": Case(NAMED["n-gons"], (COARSE, MIDDLE)),
+    "landscape with boundary": Case(lambda: meshes.landscape(6, 5), (MIDDLE, FINE), FINEST),
+    "triangles": Case(lambda: meshes.bumpy(meshes.bipyramid(6), 0.05), (COARSE, MIDDLE)),
     "concave faces": Case(meshes.concave_faces, (COARSE, MIDDLE)),
-    "nearly flat around a pole": Case(lambda: flattened(meshes.fan(5, 3)), (COARSE, MIDDLE, FINE), FINEST),
-    "flat hexagons": Case(lambda: meshes.hexagons(4, 7, 0.12), (COARSE, MIDDLE, FINE), FINEST),
-    "hexagons with a bump": Case(hexagons_with_a_bump, (COARSE, MIDDLE, FINE), FINEST),
-    "Suzanne": Case(NAMED["Suzanne"], (COARSE, FINE)),
+    "nearly flat around a pole": Case(lambda: flattened(meshes.fan(5, 3)), (MIDDLE, FINE), FINEST),
+    "flat hexagons": Case(lambda: meshes.hexagons(4, 7, 0.12), (MIDDLE,), FINEST),
+    "hexagons with a bump": Case(hexagons_with_a_bump, (FINE,), FINEST),
+    "Suzanne": Case(NAMED["Suzanne"], (FINE,)),
     "Suzanne after one step": Case(NAMED["Suzanne after one step"], least=FINEST),
     "Suzanne with random creases": Case(
         lambda: softened(meshes.with_random_creases(scene.suzanne(), share=0.1)), (COARSE,)
     ),
-    "valence 3": Case(NAMED["valence 3"], (COARSE, FINE), FINEST),
+    "valence 3": Case(NAMED["valence 3"], (FINE,), FINEST),
     "valence 5": Case(NAMED["valence 5"], (FINEST,), FINEST),
     "valence 7": Case(NAMED["valence 7"], (MIDDLE,), FINEST),
     "valence 12": Case(NAMED["valence 12"], (MIDDLE,)),
@@ -112,14 +112,12 @@ CASES = {
     "triangles, quads, valence 12": Case(NAMED["triangles, quads, valence 12"], (MIDDLE,)),
     "icosphere": Case(lambda: scene.icosphere(3), (MIDDLE,), FINEST),
     "fine icosphere": Case(lambda: scene.icosphere(5)),
-    "valence 2 with creases": Case(
-        lambda: softened(NAMED["valence 2 with random creases"]()), (COARSE, MIDDLE), FINEST
-    ),
-    "house with creases": Case(lambda: softened(NAMED["house with random creases"]()), (COARSE, MIDDLE)),
-    "not manifold": Case(lambda: softened(NAMED["not manifold"]()), (COARSE, MIDDLE, FINE), FINEST),
-    "torus": Case(lambda: meshes.torus(9, 6), (MIDDLE, FINE), FINEST),
+    "valence 2 with creases": Case(lambda: softened(NAMED["valence 2 with random creases"]()), (MIDDLE,), FINEST),
+    "house with creases": Case(lambda: softened(NAMED["house with random creases"]()), (COARSE,)),
+    "not manifold": Case(lambda: softened(NAMED["not manifold"]()), (MIDDLE, FINE), FINEST),
+    "torus": Case(lambda: meshes.torus(9, 6), (FINE,), FINEST),
     "landscape with creases": Case(
-        lambda: softened(meshes.with_random_creases(meshes.landscape(5, 5))), (COARSE, MIDDLE, FINEST), FINEST
+        lambda: softened(meshes.with_random_creases(meshes.landscape(5, 5))), (MIDDLE, FINEST), FINEST
     ),
     "n-gons with creases": Case(lambda: softened(meshes.with_random_creases(meshes.cylinder(8), share=0.5)), (MIDDLE,)),
 }
@@ -237,7 +235,7 @@ def marked() -> list[object]:
     for name, case in CASES.items():
         for tolerance in [each for each in TOLERANCES if each >= case.least]:
             marks = [] if tolerance in case.short else [pytest.mark.thorough]
-            marks += [pytest.mark.every_blender] * (name in EVERYWHERE and tolerance == COARSE)
+            marks += [pytest.mark.every_blender] * (name in EVERYWHERE and tolerance == case.short[0])
             found.append(pytest.param(name, tolerance, marks=marks))
     return found
 

@@ -30,8 +30,12 @@ ROUGH = 0.1
 # What is made, and where.
 
 
+def hills(name: str = "Hills") -> bpy.types.Object:
+    return scene.add_object(meshes.landscape(4, 3), name)
+
+
 def test_the_result_is_a_new_object_beside_the_hidden_original() -> None:
-    holder = scene.add_suzanne()
+    holder = hills()
     parent = scene.add("Parent")
     scene.add_collection("Heads", holder, parent)
     holder.parent, parent.location = parent, (1.0, 2.0, 3.0)
@@ -51,13 +55,13 @@ def test_the_result_is_a_new_object_beside_the_hidden_original() -> None:
 
 
 def test_attributes_and_the_record_tell_what_was_made() -> None:
-    holder = scene.add_suzanne()
+    holder = hills()
     scene.add_subdivision(holder, 1, boundary="PRESERVE_CORNERS")
     [result] = subdivide(holder, mode="PER_FACE")
     record, depths, bounds = result.data.ccdepth, addon.depths(result), addon.bounds(result)
     assert depths.min() >= 0
     assert 0 < bounds.max() <= np.float32(TOLERANCE)
-    assert (record.subdivision, record.faces, record.base_faces) == ("PER_FACE", len(depths), 500)
+    assert (record.subdivision, record.faces, record.base_faces) == ("PER_FACE", len(depths), 12)
     assert record.world_tolerance == pytest.approx(TOLERANCE)
     assert record.largest_bound == bounds.max()
     assert addon.histogram(result) == dict(zip(*np.unique(depths, return_counts=True), strict=True))
@@ -70,7 +74,7 @@ def test_attributes_and_the_record_tell_what_was_made() -> None:
 def test_each_mode_and_transition_makes_another_mesh() -> None:
     holder, sizes = scene.add_object(meshes.fan(7, 3)), {}
     for mode, transitions in product(("ADAPTIVE", "PER_FACE"), ("TRIANGLES", "NGONS")):
-        [result] = subdivide(holder, mode=mode, transitions=transitions)
+        [result] = subdivide(holder, mode=mode, transitions=transitions, tolerance=0.02)
         sizes[mode, transitions] = faces(result)
         assert (max(polygon.loop_total for polygon in result.data.polygons) > 4) == (transitions == "NGONS")
     assert sizes["ADAPTIVE", "TRIANGLES"] < sizes["PER_FACE", "TRIANGLES"]
@@ -82,7 +86,7 @@ def test_each_mode_and_transition_makes_another_mesh() -> None:
 
 @pytest.mark.parametrize("scale", [(1.0, 4.0, 0.3), (-2.0, 1.0, 1.0)])
 def test_scale_is_counted_in(scale: tuple[float, float, float]) -> None:
-    holder, applied = (scene.add_object(meshes.landscape(6, 4)) for _ in range(2))
+    holder, applied = hills(), hills()
     holder.scale = scale
     holder.location = (100.0, 0.0, 0.0)
     [scaled] = subdivide(holder, tolerance=0.05)
@@ -93,8 +97,17 @@ def test_scale_is_counted_in(scale: tuple[float, float, float]) -> None:
     assert addon.bounds(scaled).max() <= np.float32(0.05)
 
 
+def test_single_precision_is_counted_in() -> None:
+    """Far from the origin of its mesh, where vertices are stored off by a good part of the tolerance."""
+    holder = scene.add_object(meshes.single_precision(meshes.moved(meshes.landscape(1, 1, seed=5), 1e4, 1e4, 0.0)))
+    [result] = subdivide(holder)
+    holder.hide_set(False)
+    addon.measure(result, holder)
+    assert result.data.ccdepth.deviation_reached <= addon.bounds(result).max() <= np.float32(TOLERANCE)
+
+
 def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
-    holder = scene.add_object(meshes.landscape(6, 4))
+    holder = hills()
     diagonal = holder.dimensions.length
     [relative] = subdivide(holder, tolerance=0.01, tolerance_mode="RELATIVE")
     assert relative.data.ccdepth.world_tolerance == pytest.approx(0.01 * diagonal)
@@ -111,20 +124,20 @@ def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
 
 @pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
 def test_objects_that_share_a_mesh_share_the_result(output: str) -> None:
-    first = scene.add_suzanne()
+    first = hills()
     second, large = scene.add_mesh(first.data), scene.add_mesh(first.data)
     second.rotation_euler = (0.1, 0.2, 0.3)
     large.scale = (3.0, 3.0, 3.0)
     other = scene.add_mesh(first.data)
     results = subdivide(first, second, large, tolerance=ROUGH, output=output)
     assert {result.data for result in results} == {results[0].data} != {other.data}
-    assert faces(other) == 500
+    assert faces(other) == 12
     assert addon.bounds(large if output == "IN_PLACE" else results[0]).max() <= np.float32(ROUGH)
 
 
 def test_objects_that_share_a_mesh_but_not_the_surface_get_results_of_their_own() -> None:
     """Or not the way in which UVs are smoothed; a light that is selected stays as it is."""
-    first = scene.add_suzanne()
+    first = hills()
     bent, wide, stretched = (scene.add_mesh(first.data) for _ in range(3))
     bent.modifiers.new("Bend", "SIMPLE_DEFORM").angle = 1.0
     wide.scale = (3.0, 0.5, 0.5)
@@ -139,13 +152,13 @@ def test_objects_that_share_a_mesh_but_not_the_surface_get_results_of_their_own(
 def test_edit_mode_is_left_and_entered_again(output: str) -> None:
     import bmesh
 
-    first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
+    first, second = hills("Suzanne"), scene.add_object(meshes.creased_cube())
     with addon.edit_mode(first, second):
         edited = bmesh.from_edit_mesh(first.data)
         edited.verts.ensure_lookup_table()
         edited.verts[3].co.z += 0.5
         bmesh.update_edit_mesh(first.data)
-        settings = {"tolerance": 0.03, "tolerance_mode": "ABSOLUTE", "output": output}
+        settings = {"tolerance": ROUGH, "tolerance_mode": "ABSOLUTE", "output": output}
         assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
         assert bpy.context.mode == "EDIT_MESH"
         assert len(bpy.context.objects_in_mode) == 2
@@ -178,7 +191,7 @@ def test_edit_mode_stays_whatever_fails(operator: str, module: str, name: str, m
 @pytest.mark.parametrize("operator", ["subdivide", "count_faces", "compute"])
 def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
     """Blender keeps the last operators, with all they hold."""
-    addon.select(scene.add_suzanne())
+    addon.select(hills())
     work = addon.module("operators.job").Job
     assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, tolerance=TOLERANCE) == {"FINISHED"}
     gc.collect()
@@ -229,26 +242,31 @@ def test_the_result_can_take_the_place_of_the_mesh_with_what_modifiers_make() ->
     assert 0 < len(weighted) < len(result.data.vertices)
 
 
-def test_shape_keys_stay_and_their_mix_is_measured() -> None:
-    holder = scene.add_suzanne()
+def test_shape_keys_stay_and_their_mix_is_measured(capfd: pytest.CaptureFixture[str]) -> None:
+    holder, long = hills(), hills()
     for point in scene.add_key(holder, "Long", 1.0).points:
         point.co.z *= 3.0
     [result] = subdivide(holder, tolerance=ROUGH)
-    long = scene.add_suzanne()
     long.data.transform(Matrix.Diagonal((1.0, 1.0, 3.0, 1.0)))
     [same] = subdivide(long, tolerance=ROUGH)
     assert [block.name for block in result.data.shape_keys.key_blocks] == ["Basis", "Long"]
     assert abs(faces(result) - faces(same)) <= 0.01 * faces(same)
     assert addon.bounds(result).max() <= np.float32(ROUGH)
+    warning = "Hills: the tolerance is not proved where a vertex group limits a shape key"
+    assert warning not in capfd.readouterr().out
+    holder.vertex_groups.new(name="Group").add([0], 1.0, "REPLACE")
+    holder.data.shape_keys.key_blocks["Long"].vertex_group = "Group"
+    subdivide(holder, tolerance=ROUGH)
+    assert warning in capfd.readouterr().out
 
 
 def test_shape_keys_are_applied_with_modifiers_and_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
-    holder = scene.add_suzanne()
+    holder = hills()
     scene.add_key(holder, value=0.5)
     holder.modifiers.new("Bend", "SIMPLE_DEFORM")
     [result] = subdivide(holder, tolerance=ROUGH)
     assert result.data.shape_keys is None
-    assert "Suzanne: its shape keys are applied" in capfd.readouterr().out
+    assert "Hills: its shape keys are applied" in capfd.readouterr().out
 
 
 # All results are placed, or none
@@ -339,7 +357,7 @@ def test_giving_up_on_the_way_leaves_everything(
 
 
 # Of each kind, so that all together are evaluated in two groups.
-COUNT = 10
+COUNT = 4
 BATCHES = 2
 
 # Blender evaluates the scene before and after each operator and at its end as well, however many objects there are.
@@ -386,12 +404,12 @@ def test_the_scene_is_evaluated_a_few_times_and_each_has_its_own_result(
 ) -> None:
     objects = many()
     monkeypatch.setattr(addon.module("exchange.evaluated"), "OBJECTS_AT_ONCE", len(objects) // BATCHES + 1)
-    other = objects[2 * COUNT + 7]
+    other = objects[3 * COUNT - 1]
     other.modifiers["Bevel"].segments = 4
     addon.select(*objects)
     with counted_evaluations() as evaluations:
         assert getattr(bpy.ops.ccdepth, operator)(tolerance=tolerance) == {"FINISHED"}
-    assert len(evaluations) <= OTHER_EVALUATIONS + 6 * BATCHES
+    assert len(evaluations) <= OTHER_EVALUATIONS + 2 * BATCHES
     if operator == "compute":
         assert other.data.ccdepth.added_deepest >= 0
         expected, alone = addon.depths(other), scene.add_mesh(other.data.copy())
@@ -424,9 +442,9 @@ def assert_quads_are_drawn_along_their_first_diagonal(mesh: bpy.types.Mesh) -> N
     ("mode", "transitions"), [("ADAPTIVE", "TRIANGLES"), ("ADAPTIVE", "NGONS"), ("PER_FACE", "NGONS")]
 )
 def test_faces_of_uneven_objects_are_counted_as_they_are_made_and_drawn_as_proved(mode: str, transitions: str) -> None:
-    landscape = folded_unless_flattened(meshes.landscape(6, 5), "Landscape")
+    landscape = folded_unless_flattened(meshes.landscape(4, 3), "Landscape")
     fan = folded_unless_flattened(meshes.fan(5, 2), "Fan")
-    sheared = scene.add_object(meshes.bumpy(meshes.cylinder(7), 0.2), "Sheared")
+    sheared = scene.add_object(meshes.bumpy(meshes.cylinder(5), 0.2), "Sheared")
     sheared.parent = scene.add("Parent")
     sheared.parent.scale = (10.0, 1.0, 0.1)
     sheared.rotation_euler = (0.5, 0.6, 0.7)

@@ -22,7 +22,7 @@ from tests.thorough import each
 
 pytestmark = pytest.mark.every_blender
 
-TOLERANCE = 0.2
+TOLERANCE = 0.5
 
 # Names that stand for something in Blender, or here, some of them for a while.
 NAMES = [

@@ -223,7 +223,7 @@ def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: b
 
 
 def computed() -> None:
-    addon.compute(scene.add_suzanne(), tolerance=0.1)
+    addon.compute(scene.add_object(meshes.landscape(5, 4)), tolerance=0.1)
 
 
 def measured() -> None:
@@ -246,9 +246,9 @@ def moving() -> None:
 
 
 CASES: dict[str, tuple[Callable[[], object], str, dict[str, object]]] = {
-    "compute": (lambda: addon.select(scene.add_suzanne()), "compute", {}),
+    "compute": (lambda: addon.select(scene.add_object(meshes.creased_cube())), "compute", {}),
     "compute again": (computed, "compute", {"tolerance": 0.01}),
-    "compute over frames": (moving, "compute", {"frames": "CUSTOM", "frame_list": "1-8"}),
+    "compute over frames": (moving, "compute", {"frames": "CUSTOM", "frame_list": "1,8"}),
     "measure": (measured, "measure", {"accuracy": 0.1, "time_limit": 30.0}),
     "clear": (computed, "clear", {}),
     "clear a measurement": (measured, "clear", {}),

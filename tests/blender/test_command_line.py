@@ -23,6 +23,14 @@ SUZANNE_FACES = 500
 FORMATS = (".blend", ".obj", ".ply", ".stl")
 
 
+@pytest.fixture
+def cube_file(tmp_path: Path) -> Path:
+    """A cube of 2 m, with Blender's settings of a new file."""
+    bpy.context.scene.ccdepth.property_unset("method")
+    scene.add_object(meshes.cube(), "Cube")
+    return save(tmp_path / "cube.blend")
+
+
 def test_without_a_mesh_it_measures_suzanne_as_the_operator_does(tmp_path: Path, capfd: Capture) -> None:
     output = tmp_path / "suzanne.blend"
     sharp = {"tolerance": 0.01, "method": "SHARP", "vertices": "LIMIT"}
@@ -209,34 +217,35 @@ def test_help_is_no_failure(capfd: Capture) -> None:
 
 @pytest.mark.every_blender
 @pytest.mark.parametrize("in_place", [False, True])
-def test_it_subdivides(tmp_path: Path, capfd: Capture, in_place: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_subdivides(
+    cube_file: Path, tmp_path: Path, capfd: Capture, in_place: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The picture shows the distances."""
     few_samples(monkeypatch)
     path = tmp_path / "picture.png"
     line = ["--subdivide", "--tolerance", "0.01", "--absolute", "--mode", "per-face", "--transitions", "ngons"]
     files = ["--picture", path, "--output", tmp_path / "out.blend"]
-    assert run(*line, *(["--in-place"] if in_place else []), *files) == 0
+    assert run(cube_file, *line, *(["--in-place"] if in_place else []), *files) == 0
     printed = capfd.readouterr().out
     assert f"Written: {path}" in printed
     assert path.read_bytes().startswith(b"\x89PNG")
     [(name, written)] = depths_in(tmp_path / "out.blend").items()
-    assert name == ("Suzanne" if in_place else "Suzanne Adaptive")
+    assert name == ("Cube" if in_place else "Cube Adaptive")
     assert bpy.data.objects[name].visible_get()
     assert len([holder for holder in bpy.data.objects if holder.visible_get()]) == 1
-    assert f"{name}\n  Faces: {len(written):,}\n  Control Faces: {SUZANNE_FACES}\n" in printed
-    scene.clear()
-    addon.select(scene.add_suzanne())
+    assert f"{name}\n  Faces: {len(written):,}\n  Control Faces: 6\n" in printed
+    addon.select(mesh_objects(cube_file)["Cube"])
     bpy.ops.ccdepth.subdivide(tolerance=0.01, tolerance_mode="ABSOLUTE", mode="PER_FACE", transitions="NGONS")
     [result] = bpy.context.selected_objects
     assert written == addon.depths(result).tolist()
 
 
-def test_proved_distances_are_rounded_up(capfd: Capture) -> None:
+def test_proved_distances_are_rounded_up(cube_file: Path, capfd: Capture) -> None:
     """The first six tolerances of a row, of whose distances some would be rounded down."""
     for number in range(6):
-        assert run("--subdivide", "--absolute", "--tolerance", 0.03 + 0.001 * number) == 0
+        assert run(cube_file, "--subdivide", "--absolute", "--tolerance", 0.03 + 0.001 * number) == 0
         [printed] = re.findall(r"Largest Distance: (\S+) m", capfd.readouterr().out)
-        record = bpy.data.objects["Suzanne Adaptive"].data.ccdepth
+        record = bpy.data.objects["Cube Adaptive"].data.ccdepth
         assert record.largest_bound <= float(printed) <= record.largest_bound * 1.001 + 1e-9
 
 
@@ -305,14 +314,6 @@ def printed_by(name: str, file: Path | None, *arguments: object) -> str:
     ended = subprocess.run(example_command(name, file, *arguments), timeout=120, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     return ended.stdout
-
-
-@pytest.fixture
-def cube_file(tmp_path: Path) -> Path:
-    """A cube of 2 m, with Blender's settings of a new file."""
-    bpy.context.scene.ccdepth.property_unset("method")
-    scene.add_object(meshes.cube(), "Cube")
-    return save(tmp_path / "cube.blend")
 
 
 def test_set_levels(cube_file: Path, tmp_path: Path) -> None:

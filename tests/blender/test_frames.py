@@ -48,18 +48,14 @@ def told_by_the_panel(holder: bpy.types.Object) -> str:
     return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data, holder)
 
 
-def refined_suzanne() -> bpy.types.Object:
-    """Her first level, so that most faces have regular patches."""
-    holder = scene.add_suzanne()
-    holder.modifiers.new("Subdivision", "SUBSURF").levels = 1
-    addon.select(holder)
-    bpy.ops.object.modifier_apply(modifier="Subdivision")
-    return holder
+def ring() -> bpy.types.Object:
+    """All its faces have regular patches."""
+    return scene.add_object(meshes.torus(8, 6))
 
 
 def with_a_shape_key(plain: bpy.types.Object | None = None) -> bpy.types.Object:
-    """The object with a key that is worst on frame 8; without one, Suzanne."""
-    holder = plain or refined_suzanne()
+    """The object with a key that is worst on frame 8; without one, a ring."""
+    holder = plain or ring()
     shape = scene.add_key(holder)
     for vertex in shape.data:
         vertex.co.z += 0.15 * np.sin(9 * vertex.co.x)
@@ -69,7 +65,7 @@ def with_a_shape_key(plain: bpy.types.Object | None = None) -> bpy.types.Object:
 
 
 def with_an_armature() -> bpy.types.Object:
-    rig, holder = scene.add_rig(), refined_suzanne()
+    rig, holder = scene.add_rig(), ring()
     group = holder.vertex_groups.new(name="Bone")
     for vertex in holder.data.vertices:
         group.add([vertex.index], min(max(0.5 + vertex.co.z, 0.0), 1.0), "REPLACE")
@@ -82,14 +78,14 @@ def with_an_armature() -> bpy.types.Object:
 
 
 def with_a_growing_scale() -> bpy.types.Object:
-    holder = refined_suzanne()
+    holder = ring()
     key(holder, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.5))
     key(holder, "rotation_euler", (0.0, 0.0, 0.0), (1.0, 2.0, 0.5))
     return holder
 
 
 def with_an_animated_array() -> bpy.types.Object:
-    holder = scene.add_object(meshes.landscape(4, 4))
+    holder = scene.add_object(meshes.landscape(3, 2))
     key(holder.modifiers.new("Array", "ARRAY"), "count", 1, 3)
     key(holder.modifiers.new("Cast", "CAST"), "factor", 0.0, 0.8)
     return holder
@@ -97,7 +93,7 @@ def with_an_animated_array() -> bpy.types.Object:
 
 def with_growing_creases() -> bpy.types.Object:
     """Of all edges, whose vertices stay where they are."""
-    holder = scene.add_object(meshes.landscape(4, 4))
+    holder = scene.add_object(meshes.landscape(3, 2))
     tree = holder.modifiers.new("Nodes", "NODES").node_group = scene.node_tree("GeometryNodeStoreNamedAttribute")
     store = tree.nodes["Store Named Attribute"]
     store.data_type, store.domain, store.inputs["Name"].default_value = "FLOAT", "EDGE", "crease_edge"
@@ -213,7 +209,7 @@ def test_the_range_of_the_scene() -> None:
 
 def test_a_relative_tolerance_is_a_part_of_the_diagonal_on_each_frame() -> None:
     """A scale alone changes nothing then."""
-    holder = refined_suzanne()
+    holder = ring()
     key(holder, "scale", (1.0, 1.0, 1.0), (3.0, 3.0, 3.0))
     compute(holder, tolerance=0.001, tolerance_mode="RELATIVE")
     over_frames, smallest = addon.depths(holder), holder.data.ccdepth.world_tolerance
@@ -227,7 +223,7 @@ def test_a_relative_tolerance_is_a_part_of_the_diagonal_on_each_frame() -> None:
 
 
 def test_what_only_turns_needs_nothing_more() -> None:
-    holder = refined_suzanne()
+    holder = ring()
     key(holder, "location", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
     key(holder, "rotation_euler", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
     addon.compute(holder, tolerance=TOLERANCE)
@@ -314,7 +310,7 @@ def test_the_frame_is_restored_when_it_is_cancelled() -> None:
 
 def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:
     holder, other = with_a_shape_key(), scene.add_suzanne()
-    bystander = refined_suzanne()
+    bystander = ring()
     meshes_before = [each.data for each in (holder, other)]
 
     def swap(changed: bpy.types.Scene, *_: object) -> None:
@@ -331,7 +327,7 @@ def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:
 
 
 def test_a_frame_without_a_surface_is_named() -> None:
-    holder = refined_suzanne()
+    holder = ring()
     key(holder, "scale", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
     bpy.context.scene.frame_set(4)
     with pytest.raises(RuntimeError, match=rf"{holder.name}, on frame {LAST}: "):

@@ -112,7 +112,7 @@ def test_meshes_at_levels(case: tuple[Callable[[], meshes.MeshData], int], limit
 
 
 def test_decimated() -> None:
-    source = scene.add_object(meshes.torus(12, 8))
+    source = scene.add_object(meshes.torus(8, 6))
     scene.add_subdivision(source, 3)
     holder = scene.add_object(scene.evaluated_mesh_data(source), "Decimated")
     holder.modifiers.new("Decimate", "DECIMATE").ratio = 0.1
@@ -121,7 +121,7 @@ def test_decimated() -> None:
 
 
 ADAPTIVE: dict[str, Callable[[], meshes.MeshData]] = {
-    "torus": lambda: meshes.torus(10, 6),
+    "torus": lambda: meshes.torus(6, 4),
     "creased cube": meshes.creased_cube,
     "triangles and quads": meshes.triangles_and_quads,
 }

@@ -24,7 +24,7 @@ from tests.brute_force import Levels
 from tests.thorough import each
 
 # Levels between those of the facets and of the reference, as far as quads of the reference allow, and one at least.
-MOST_DEEPER = 3
+MOST_DEEPER = 2
 MOST_QUADS = 250_000
 
 # In parts of the diagonal. The finer one is left where its levels make too many quads.

@@ -84,7 +84,8 @@ def made_of(source: bpy.types.Object, **settings: object) -> Made:
 
 
 def creased_source() -> bpy.types.Object:
-    holder = scene.add_object(meshes.creased_cube())
+    ring = meshes.torus(4, 3)
+    holder = scene.add_object(meshes.creased(ring, {tuple(ring.edges[0].tolist()): 0.3}))
     mirror = holder.modifiers.new("Mirror", "MIRROR")
     mirror.use_mirror_merge = False
     scene.add_subdivision(holder, 2)
