@@ -14,30 +14,38 @@ NEIGHBOURS = 24
 
 def point_to_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     """(N,) distances from points (N, 3) to triangles (N, 3, 3), by quadratic programming over all faces of each."""
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    ab, ac, ap = b - a, c - a, points - a
-    gram = np.stack([np.stack([(ab * ab).sum(1), (ab * ac).sum(1)]), np.stack([(ab * ac).sum(1), (ac * ac).sum(1)])])
-    right = np.stack([(ab * ap).sum(1), (ac * ap).sum(1)])
-    determinant = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
+    # Component by component, which takes a third of the time.
+    a, b, c = np.ascontiguousarray(np.moveaxis(corners, 0, -1))
+    ab, ac, ap = b - a, c - a, points.T - a
+    along, across, twist = _dot(ab, ab), _dot(ac, ac), _dot(ab, ac)
+    determinant = along * across - twist**2
     # Where there is no area there is no inside.
-    determinant = np.where(determinant == 0, np.nan, determinant)
-    v = (gram[1, 1] * right[0] - gram[0, 1] * right[1]) / determinant
-    w = (gram[0, 0] * right[1] - gram[0, 1] * right[0]) / determinant
-    inside = (v >= 0) & (w >= 0) & (v + w <= 1)
-    best = np.where(inside, np.linalg.norm(ap - v[:, None] * ab - w[:, None] * ac, axis=1), np.inf)
-    for start, end in ((a, b), (b, c), (c, a)):
-        along = end - start
-        squared = (along * along).sum(1)
-        share = np.clip(((points - start) * along).sum(1) / np.where(squared > 0, squared, 1.0), 0, 1)
-        best = np.minimum(best, np.linalg.norm(points - start - share[:, None] * along, axis=1))
-    return best
+    determinant[determinant == 0] = np.nan
+    right = _dot(ab, ap), _dot(ac, ap)
+    v = (across * right[0] - twist * right[1]) / determinant
+    w = (along * right[1] - twist * right[0]) / determinant
+    off = ap - v * ab - w * ac
+    best = np.where((v >= 0) & (w >= 0) & (v + w <= 1), _dot(off, off), np.inf)
+    for start, side in ((ap, ab), (ap - ab, c - b), (ap - ac, -ac)):
+        squared = _dot(side, side)
+        squared[squared == 0] = 1.0
+        off = start - np.clip(_dot(start, side) / squared, 0, 1) * side
+        np.minimum(best, _dot(off, off), out=best)
+    return np.sqrt(best)
+
+
+def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 def distances(points: FloatArray, positions: FloatArray, triangles: IndexArray) -> FloatArray:
     """(N,) to the triangles whose middles are nearest: no shorter than the true ones."""
     corners = positions[triangles]
-    count = min(NEIGHBOURS, len(triangles))
-    _, near = cKDTree(corners.mean(axis=1)).query(points, count)
-    near = near.reshape(len(points), count)
-    owners = np.repeat(np.arange(len(points)), count)
-    return point_to_triangles(points[owners], corners[near.ravel()]).reshape(near.shape).min(axis=1)
+    middles = corners.mean(axis=1)
+    # A triangle is no nearer than its middle by more than this; rounding is less by far than the last part.
+    sizes = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1) * (1 + 1e-6)
+    apart, near = cKDTree(middles).query(points, range(1, min(NEIGHBOURS, len(triangles)) + 1))
+    found = point_to_triangles(points, corners[near[:, 0]])
+    which, column = np.nonzero(apart[:, 1:] - sizes[near[:, 1:]] < found[:, None])
+    np.minimum.at(found, which, point_to_triangles(points[which], corners[near[which, column + 1]]))
+    return found
