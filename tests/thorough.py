@@ -30,4 +30,10 @@ def combinations(*factors: Iterable[Any]) -> list[Any]:
     lists = [list(factor) for factor in factors]
     longest = max(map(len, lists))
     short = [tuple(values[i % len(values)] for values in lists) for i in range(longest)]
-    return [pytest.param(*values, marks=() if values in short else pytest.mark.thorough) for values in product(*lists)]
+    return cases(product(*lists), short)
+
+
+def cases(values: Iterable[tuple[Any, ...]], short: Iterable[tuple[Any, ...]]) -> list[Any]:
+    """Parameters for several arguments at once: all of `values`; those not in `short` are marked ``thorough``."""
+    kept = list(short)
+    return [pytest.param(*value, marks=() if value in kept else pytest.mark.thorough) for value in values]

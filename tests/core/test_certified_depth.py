@@ -16,13 +16,14 @@ from hypothesis.extra.numpy import arrays
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.bounds.rounding import smallest_tolerance
-from ccdepth_addon.core.depth.face_depths import DepthResult, face_depths
+from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from tests import brute_force, meshes, nets
 from tests.core import test_face_depths
 from tests.core.test_face_depths import both_vertices
 from tests.core.test_norm_bounds import fan_positions
+from tests.thorough import combinations
 
 
 def build(data: meshes.MeshData, smooth_corners: bool = False) -> PolygonMesh:
@@ -53,11 +54,11 @@ SHARP = [name for name in CASES if any(word in name for word in ("crease", "two 
 DEEPER = 3
 
 
-@both_vertices
-def test_depths_are_the_least_ones(vertices: str) -> None:
+@pytest.mark.parametrize(("half", "vertices"), combinations([0, 1], VERTICES))
+def test_depths_are_the_least_ones(half: int, vertices: str) -> None:
     """Never below the least depth, and on 99.5 % of all the faces equal to it; wherever it is said to be exact."""
     total = brute_force.Comparison()
-    for name, smooth_corners in [*((name, False) for name in CASES), *((name, True) for name in OPEN)]:
+    for name, smooth_corners in [*((name, False) for name in CASES), *((name, True) for name in OPEN)][half::2]:
         mesh = build(CASES[name](), smooth_corners)
         measured = brute_force.Levels(mesh)
         levels = 3 if mesh.face_count < 15 else 2 if mesh.face_count < 60 else 1
@@ -81,7 +82,7 @@ def test_depths_are_the_least_ones(vertices: str) -> None:
                 assert np.all((found.depths == 0) & found.exact), name
             else:
                 total += compared
-    assert total.faces > 1500
+    assert total.faces > 1000
     assert total.equal_share >= 0.995
 
 

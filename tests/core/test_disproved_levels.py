@@ -4,8 +4,6 @@ level, by distances to all of its triangles."""
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -21,7 +19,7 @@ from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
-from tests.core.test_distance_depth import MESHES, ROUNDING, SEEDS, case
+from tests.core.test_distance_depth import MESHES, ROUNDING, case, cases_of
 from tests.drawn_levels import refined
 from tests.triangle_distances import distances, point_to_triangles
 
@@ -67,14 +65,8 @@ def far_faces(mesh: PolygonMesh, level: int, vertices: Vertices, tolerance: floa
     return found
 
 
-def cases() -> list[object]:
-    found: list[object] = [pytest.param(name, 1, 1, id=f"{name}-1") for name in MESHES]
-    return found + [pytest.param(*each, 2, marks=pytest.mark.thorough) for each in product(MESHES, SEEDS)]
-
-
-@pytest.mark.parametrize(("name", "seed", "levels"), cases())
-@pytest.mark.parametrize("vertices", Vertices)
-def test_no_level_is_disproved_that_is_near_enough(name: str, seed: int, levels: int, vertices: Vertices) -> None:
+@pytest.mark.parametrize(("name", "vertices", "seed", "levels"), cases_of(MESHES, 1))
+def test_no_level_is_disproved_that_is_near_enough(name: str, vertices: Vertices, seed: int, levels: int) -> None:
     """At tolerances from about the largest to about the least distances of faces."""
     mesh, diagonal = case(name, seed)
     every = np.arange(mesh.face_count)

@@ -5,9 +5,9 @@ what the bounds rest on."""
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
-from itertools import product
+from itertools import cycle, product
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.drawn_levels import largest_around, sampled
 from tests.proved_bounds import level_bounds
-from tests.thorough import each
+from tests.thorough import cases, combinations, each
 
 # Fine triangles that stand for the surface are off it by so many times what their level has changed, at most: a level
 # takes a third off at least, at poles of any valence; mostly three quarters.
@@ -90,7 +90,6 @@ MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
     "cube": lambda seed: meshes.bumpy(meshes.cube(), 0.2, seed),
     "sphere": lambda seed: meshes.bumpy(sphere(4 + seed % 20), 0.03 * (seed % 3), seed),
     "pole of 16": lambda seed: sphere(16, 4),
-    "pole of 48": lambda seed: sphere(48, 4),
     "bevelled prism": lambda seed: bevelled_prism(3 + seed % 12, 0.02 + 0.05 * (seed % 4)),
     "torus": lambda seed: meshes.bumpy(meshes.torus(9, 6), 0.1, seed),
     "landscape": lambda seed: meshes.landscape(5, 4, seed),
@@ -114,6 +113,7 @@ MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
     "creased cube": lambda seed: meshes.creased_cube(),
     "tetrahedron": lambda seed: meshes.bumpy(meshes.tetrahedron(), 0.1, seed),
     "two cubes sharing an edge": lambda seed: meshes.two_cubes_sharing_an_edge(),
+    "pole of 48": lambda seed: sphere(48, 4),
 }
 
 
@@ -122,19 +122,18 @@ def case(name: str, seed: int) -> tuple[PolygonMesh, float]:
     return mesh, float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
 
 
-def cases() -> list[object]:
-    """Every mesh but the slowest at level 1; in the thorough run with more seeds, and at level 2."""
-    thorough = pytest.mark.thorough
-    found = [pytest.param(name, 0, 1, marks=[thorough] * (name == "pole of 48"), id=f"{name}-0") for name in MESHES]
-    return found + [pytest.param(*each, 2, marks=thorough) for each in product(MESHES, SEEDS)]
-
-
 SEEDS = range(*map(int, os.environ.get("CCDEPTH_SEEDS", "0:4").split(":")))
 
 
-@pytest.mark.parametrize(("name", "seed", "levels"), cases())
-@pytest.mark.parametrize("vertices", Vertices)
-def test_levels_are_as_near_as_proved(name: str, seed: int, levels: int, vertices: Vertices) -> None:
+def cases_of(names: Iterable[str], seed: int) -> list[object]:
+    """Each mesh at level 1 with one kind of vertices; in the thorough run with both, at level 2, with more seeds."""
+    short = [(name, vertices, seed, 1) for name, vertices in zip(names, cycle(Vertices), strict=False)]
+    return cases([*short, *product(MESHES, Vertices, SEEDS, [2])], short)
+
+
+# The last one takes the longest.
+@pytest.mark.parametrize(("name", "vertices", "seed", "levels"), cases_of([*MESHES][:-1], 0))
+def test_levels_are_as_near_as_proved(name: str, vertices: Vertices, seed: int, levels: int) -> None:
     """At several tolerances, each face both ways."""
     mesh, diagonal = case(name, seed)
     for level in range(1, levels + 1):
@@ -163,8 +162,10 @@ def test_the_surface_beside_measured_leaves_has_to_be_near(monkeypatch: pytest.M
     assert face_depths(mesh, tolerance, "DISTANCE", "LIMIT").depths.max() <= 2
 
 
-@pytest.mark.parametrize("vertices", Vertices)
-@pytest.mark.parametrize("name", ["cube", "bevelled prism", "torus", "hexagons", "creased cube", "tetrahedron"])
+@pytest.mark.parametrize(
+    ("name", "vertices"),
+    combinations(["cube", "bevelled prism", "torus", "hexagons", "creased cube", "tetrahedron"], Vertices),
+)
 def test_a_level_is_proved_where_it_is_a_tenth_nearer_than_asked(name: str, vertices: Vertices) -> None:
     mesh, _ = case(name, 1)
     there, back, _ = sampled(mesh, 1, vertices)
@@ -172,8 +173,10 @@ def test_a_level_is_proved_where_it_is_a_tenth_nearer_than_asked(name: str, vert
     assert np.all(np.isfinite(bounds))
 
 
-@pytest.mark.parametrize("vertices", Vertices)
-@pytest.mark.parametrize("name", ["cube", "sphere", "bevelled prism", "landscape with creases", "wavy and flat"])
+@pytest.mark.parametrize(
+    ("name", "vertices"),
+    combinations(["cube", "sphere", "bevelled prism", "landscape with creases", "wavy and flat"], Vertices),
+)
 def test_all_faces_are_within_the_tolerance_at_the_uniform_level(name: str, vertices: Vertices) -> None:
     mesh, diagonal = case(name, 3)
     for tolerance in (0.02 * diagonal, 0.005 * diagonal):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from functools import cache
-from itertools import product
+from itertools import cycle, product
 from math import ceil, log
 from time import process_time
 
@@ -31,7 +31,7 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 from tests.brute_force import Levels
 from tests.proved_bounds import level_bounds
-from tests.thorough import each
+from tests.thorough import cases
 
 # What they bound is compared at equal parameters; ``test_distance_depth`` has the other one.
 EQUAL_METHODS = [method for method in METHODS if method != "DISTANCE"]
@@ -125,15 +125,17 @@ def sampled(name: str, vertices: str, *, smooth_corners: bool = False) -> tuple[
     return mesh, np.array([levels.distances(level, vertices, 2) for level in range(LEVELS)])
 
 
+SHORT = [*((name, False) for name in meshes.AWKWARD), *((name, True) for name in OPEN)]
+
+
 @pytest.mark.parametrize(
-    ("name", "smooth_corners"),
-    [
-        pytest.param(name, smooth_corners, marks=pytest.mark.thorough if smooth_corners and name not in OPEN else ())
-        for name, smooth_corners in product(meshes.AWKWARD, [False, True])
-    ],
+    ("name", "smooth_corners", "vertices"),
+    cases(
+        product(meshes.AWKWARD, [False, True], VERTICES),
+        [(*one, vertices) for one, vertices in zip(SHORT, cycle(VERTICES), strict=False)],
+    ),
 )
 @every_method
-@both_vertices
 def test_every_face_has_a_depth_and_is_no_farther_than_proved(
     name: str, smooth_corners: bool, method: str, vertices: str
 ) -> None:
@@ -180,20 +182,20 @@ SETTINGS = list(product([0.3, 0.0007], ["SECOND_ORDER", "FIRST_ORDER"], VERTICES
 
 
 # In the short suite those in which each meets each of the others.
-@pytest.mark.parametrize("settings", each(SETTINGS, [SETTINGS[i] for i in (0, 3, 5, 6)]))
-def test_irregular_faces_are_as_deep_as_their_patches(settings: tuple[float, str, str]) -> None:
+@pytest.mark.parametrize(("tolerance", "method", "vertices"), cases(SETTINGS, [SETTINGS[i] for i in (0, 3, 5, 6)]))
+def test_irregular_faces_are_as_deep_as_their_patches(tolerance: float, method: str, vertices: str) -> None:
     """Where all the descendants of a face after s steps have come from patches: s, or as deep as the deepest patch and
     the steps to it."""
-    (tolerance, *method_and_vertices), counted = settings, 0
+    counted = 0
     for name, data in meshes.AWKWARD.items():
         mesh = build(data(), smooth_corners=False)
-        found = face_depths(mesh, tolerance, *method_and_vertices).depths
+        found = face_depths(mesh, tolerance, method, vertices).depths
         fine, bases, known = mesh, np.arange(mesh.face_count), np.zeros(mesh.face_count, dtype=bool)
         expected, complete = np.zeros(mesh.face_count, dtype=int), np.zeros(mesh.face_count, dtype=bool)
         for steps in range(4):
             new = (classify_patches(fine).kinds != PatchKind.IRREGULAR) & ~known
             if np.any(new):
-                depths = face_depths(fine, tolerance, *method_and_vertices).depths
+                depths = face_depths(fine, tolerance, method, vertices).depths
                 np.maximum.at(expected, bases[new], steps + depths[new])
             known |= new
             now = (np.bincount(bases, ~known) == 0) & ~complete

@@ -154,8 +154,6 @@ def test_corners_of_an_open_mesh_need_more() -> None:
 # Several poses of a mesh, against single poses and brute force
 
 
-every_name = pytest.mark.parametrize("name", NAMES)
-
 # Single poses are bounded without scaling them by the tolerance, which rounds otherwise.
 SCALING = 1e-9
 
@@ -181,13 +179,12 @@ def singles(poses: list[Pose], method: str, vertices: str) -> list[DepthResult]:
     return [face_depths(pose.make(), pose.tolerance, method, vertices) for pose in poses]
 
 
-@pytest.mark.parametrize(("vertices", "jumps"), combinations(["CONTROL", "LIMIT"], [True, False]))
-@every_name
+@pytest.mark.parametrize(("name", "vertices", "jumps"), combinations(NAMES, ["CONTROL", "LIMIT"], [True, False]))
 @every_method
 def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vertices: str, jumps: bool) -> None:
     """And the common level holds in every pose."""
     mesh = build(meshes.AWKWARD[name](), smooth_corners=False)
-    poses = posed(mesh, 11, 0.5, jumps=jumps)
+    poses = posed(mesh, 7, 0.5, jumps=jumps)
     found = pose_depths(poses, method, vertices)
     alone = singles(poses, method, vertices)
     deepest = np.max([each.depths for each in alone], axis=0)
@@ -216,10 +213,10 @@ def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vert
             assert np.all(sampled[:, level] <= np.array([[pose.tolerance] for pose in poses]) + ROUNDING)
 
 
-@every_name
+@pytest.mark.parametrize("name", NAMES)
 @both_vertices
 def test_the_worst_pose_alone_has_the_deepest_depth(name: str, vertices: str) -> None:
-    poses = posed(build(meshes.AWKWARD[name](), smooth_corners=False), 12, 0.5, jumps=True)
+    poses = posed(build(meshes.AWKWARD[name](), smooth_corners=False), 7, 0.5, jumps=True)
     found = pose_depths(poses, "CERTIFIED", vertices)
     worst = worst_pose(poses, "CERTIFIED", vertices, found)
     assert worst.depth == found.depths.max()
