@@ -64,11 +64,11 @@ def refined(mesh: PolygonMesh, level: int, is_turned: BoolArray | None = None) -
     return found
 
 
-def points_of(positions: FloatArray, triangles: IndexArray, steps: int = 4) -> FloatArray:
-    """(T, n, 3): points all over the triangles."""
+def points_of(corners: FloatArray, steps: int = 4) -> FloatArray:
+    """(T, n, …): points all over triangles with these corners, (T, 3, …)."""
     i, j = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1))
     weights = np.stack([i, j, steps - i - j], axis=-1)[i + j <= steps] / steps
-    return np.einsum("sc,tci->tsi", weights, positions[triangles])
+    return np.einsum("sc,tci->tsi", weights, corners)
 
 
 def sampled(
@@ -80,7 +80,7 @@ def sampled(
     fine, fine_triangles, fine_owners = coarse.refined().drawn(Vertices.LIMIT)
     step = float(distances(fine, *coarse.drawn(Vertices.LIMIT)[:2]).max())
     positions, triangles, owners = refined(mesh, level, is_turned).drawn(vertices)
-    points = points_of(positions, triangles)
+    points = points_of(positions[triangles])
     there = distances(points.reshape(-1, 3), fine, fine_triangles).reshape(len(points), -1).max(axis=1)
     back = distances(fine, positions, triangles)[fine_triangles].max(axis=1)
     found = np.zeros((2, mesh.face_count))

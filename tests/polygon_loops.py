@@ -12,6 +12,7 @@ import numpy as np
 
 from ccdepth_addon.core.adaptive.polygon_bounds import polygon_thickness
 from ccdepth_addon.core.arrays.types import FloatArray
+from tests.triangle_distances import distances
 
 Triangle = tuple[int, int, int]
 
@@ -183,29 +184,6 @@ def twist_error(facets: FloatArray) -> float:
     return float(np.linalg.norm(a - b + c - d, axis=1).max()) / (4 * STEPS**2)
 
 
-def samples_of(triangles: FloatArray) -> FloatArray:
-    """(P, 3): evenly spread points of triangles (T, 3, 3)."""
-    weights = [(i, j, STEPS - i - j) for i in range(STEPS + 1) for j in range(STEPS + 1 - i)]
-    return np.einsum("sc,tcd->tsd", np.array(weights) / STEPS, triangles).reshape(-1, 3)
-
-
 def farthest(points: FloatArray, triangles: FloatArray) -> float:
     """The largest distance of points (P, 3) from the nearest of triangles (T, 3, 3)."""
-    nearest = np.full(len(points), np.inf)
-    for triangle in triangles:
-        np.minimum(nearest, _distances(points, triangle), out=nearest)
-    return float(nearest.max())
-
-
-def _distances(points: FloatArray, triangle: FloatArray) -> FloatArray:
-    """(P,): to the plane where a point lies over the triangle, else to the nearest side."""
-    normal = np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0])
-    lengths = []
-    inside = np.ones(len(points), dtype=bool)
-    for start, end in zip(triangle, np.roll(triangle, -1, axis=0), strict=True):
-        side, offsets = end - start, points - start
-        inside &= np.cross(side, offsets) @ normal >= 0
-        along = np.clip(offsets @ side / (side @ side), 0, 1)
-        lengths.append(np.linalg.norm(offsets - along[:, None] * side, axis=1))
-    over = np.abs((points - triangle[0]) @ normal) / np.linalg.norm(normal)
-    return np.where(inside, over, np.min(lengths, axis=0))
+    return float(distances(points, triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), 0.0).max())

@@ -18,14 +18,16 @@ def point_to_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     a, b, c = np.ascontiguousarray(np.moveaxis(corners, 0, -1))
     ab, ac, ap = b - a, c - a, points.T - a
     along, across, twist = _dot(ab, ab), _dot(ac, ac), _dot(ab, ac)
-    determinant = along * across - twist**2
+    # The determinant of these; of products, as on thin triangles hardly more than rounding is left of differences.
+    normal = np.cross(ab, ac, axis=0)
+    determinant = _dot(normal, normal)
     # Where there is no area there is no inside.
     determinant[determinant == 0] = np.nan
     right = _dot(ab, ap), _dot(ac, ap)
     v = (across * right[0] - twist * right[1]) / determinant
     w = (along * right[1] - twist * right[0]) / determinant
-    off = ap - v * ab - w * ac
-    best = np.where((v >= 0) & (w >= 0) & (v + w <= 1), _dot(off, off), np.inf)
+    over = _dot(ap, normal) ** 2 / determinant
+    best = np.where((v >= 0) & (w >= 0) & (v + w <= 1), over, np.inf)
     for start, side in ((ap, ab), (ap - ab, c - b), (ap - ac, -ac)):
         squared = _dot(side, side)
         squared[squared == 0] = 1.0
@@ -38,14 +40,23 @@ def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
-def distances(points: FloatArray, positions: FloatArray, triangles: IndexArray) -> FloatArray:
-    """(N,) to the triangles whose middles are nearest: no shorter than the true ones."""
+def distances(
+    points: FloatArray, positions: FloatArray, triangles: IndexArray, beyond: float | None = None
+) -> FloatArray:
+    """(N,) to the triangles whose middles are nearest: no shorter than the true ones, and true where they are longer
+    than ``beyond``."""
     corners = positions[triangles]
     middles = corners.mean(axis=1)
     # A triangle is no nearer than its middle by more than this; rounding is less by far than the last part.
     sizes = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1) * (1 + 1e-6)
-    apart, near = cKDTree(middles).query(points, range(1, min(NEIGHBOURS, len(triangles)) + 1))
+    tree = cKDTree(middles)
+    apart, near = tree.query(points, range(1, min(NEIGHBOURS, len(triangles)) + 1))
     found = point_to_triangles(points, corners[near[:, 0]])
     which, column = np.nonzero(apart[:, 1:] - sizes[near[:, 1:]] < found[:, None])
     np.minimum.at(found, which, point_to_triangles(points[which], corners[near[which, column + 1]]))
+    if beyond is not None:
+        far = np.flatnonzero(found > beyond)
+        every = tree.query_ball_point(points[far], found[far] + sizes.max())
+        which, chosen = np.repeat(far, [len(each) for each in every]), np.concatenate([[], *every]).astype(np.intp)
+        np.minimum.at(found, which, point_to_triangles(points[which], corners[chosen]))
     return found

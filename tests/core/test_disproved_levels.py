@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from ccdepth_addon.core.arrays.types import BoolArray, FloatArray, IndexArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
@@ -21,7 +20,7 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.core.test_distance_depth import MESHES, ROUNDING, case, cases_of
 from tests.drawn_levels import refined
-from tests.triangle_distances import distances, point_to_triangles
+from tests.triangle_distances import distances
 
 
 def nothing() -> None:
@@ -46,20 +45,8 @@ def far_faces(mesh: PolygonMesh, level: int, vertices: Vertices, tolerance: floa
         owners_of_faces = np.repeat(owners_of_faces, fine.face_sizes)
         fine = subdivide(fine).mesh
     limits = limit_positions(fine)
-    positions, triangles = drawn(mesh, level, vertices)
-    far = np.flatnonzero(distances(limits, positions, triangles) > tolerance * (1 - ROUNDING))
-    corners = positions[triangles]
-    middles = corners.mean(axis=1)
-    # Whatever is as near as the tolerance has its middle as near as that and its own size.
-    sizes = np.linalg.norm(corners - middles[:, None], axis=2).max()
-    near = cKDTree(middles).query_ball_point(limits[far], tolerance + sizes)
-    counts = [len(which) for which in near]
-    pairs = np.concatenate([np.zeros(0, dtype=np.intp), *near]).astype(np.intp)
-    owners = np.repeat(far, counts)
-    off = point_to_triangles(limits[owners], corners[pairs])
-    is_far = np.zeros(len(limits), dtype=bool)
-    is_far[far] = True
-    is_far[owners[off <= tolerance * (1 - ROUNDING)]] = False
+    limit = tolerance * (1 - ROUNDING)
+    is_far = distances(limits, *drawn(mesh, level, vertices), limit) > limit
     found = np.zeros(mesh.face_count, dtype=bool)
     found[np.repeat(owners_of_faces, 4)[is_far[fine.corner_vertices]]] = True
     return found

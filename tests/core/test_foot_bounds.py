@@ -167,7 +167,7 @@ def corners_of_triangles(level: int, turned: bool = False) -> FloatArray:
 
 def errors(net: FloatArray, level: int, vertices: Vertices, turned: bool) -> FloatArray:
     """(n, P, 3): what a level's triangles are off the surface at equal parameters, all over the face."""
-    weights, found = points_of(np.eye(3), np.array([[0, 1, 2]]), 8)[0], []
+    weights, found = points_of(np.eye(3)[None], 8)[0], []
     for places in corners_of_triangles(level, turned):
         flat = np.einsum("sc,cpd->spd", weights, drawn(net, places, 0.5**level, vertices))
         found.append(flat - derivative(net, weights @ places, 0, 0))
@@ -232,7 +232,7 @@ def test_bounds_of_a_leaf_are_hardly_more_than_samples_show(kind: str, vertices:
     constants = np.full(300, curvature), np.ones(300)
     bounds, short, reached = leaf_feet(by_component(net), vertices, *constants, longest)
     off = errors(net, 0, vertices, False)
-    places = points_of(SQUARE, np.array([[0, 1, 2], [0, 2, 3]]), 8).reshape(-1, 2)
+    places = points_of(SQUARE[[[0, 1, 2], [0, 2, 3]]], 8).reshape(-1, 2)
     normals = np.cross(derivative(net, places, 1, 0), derivative(net, places, 0, 1))
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     along, farthest = np.abs((off * normals).sum(axis=-1)).max(axis=0), np.linalg.norm(off, axis=-1).max(axis=0)

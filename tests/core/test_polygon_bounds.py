@@ -17,6 +17,7 @@ from ccdepth_addon.core.adaptive.polygon_bounds import (
 from ccdepth_addon.core.adaptive.templates import ALL_SPLIT, WHOLE, templates, triangle_template
 from ccdepth_addon.core.arrays.types import FloatArray
 from tests import polygon_loops as loops
+from tests.drawn_levels import points_of
 from tests.polygon_loops import Loop
 from tests.thorough import each
 
@@ -37,7 +38,7 @@ shapes = {
 
 def assert_near(drawn: FloatArray, other: FloatArray, thickness: float) -> None:
     """Both ways, (T, 3, 3) each."""
-    assert loops.farthest(loops.samples_of(drawn), other) <= thickness
+    assert loops.farthest(points_of(drawn, loops.STEPS).reshape(-1, 3), other) <= thickness
     assert loops.farthest(other.reshape(-1, 3), drawn) <= thickness
 
 

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.distance.leaf_surfaces import support_points
 from ccdepth_addon.core.distance.piece_hulls import Pieces
 from ccdepth_addon.core.distance.pieces import TRIANGLE_FORM
@@ -19,7 +18,7 @@ from ccdepth_addon.core.distance.shells import Shell, Triangles
 from ccdepth_addon.core.distance.side_bounds import raised_at_sides
 from ccdepth_addon.core.mesh.level_quads import QUAD_TRIANGLES
 from tests import meshes
-from tests.triangle_distances import point_to_triangles
+from tests.triangle_distances import distances
 
 SIDE = 5
 
@@ -59,15 +58,6 @@ def moved_pieces(shell: Shell, size: float, seed: int) -> Pieces:
     return Pieces(np.repeat(np.arange(count), len(PARTS)), hulls.swapaxes(0, 1), flats.swapaxes(0, 1))
 
 
-def farthest(points: FloatArray, triangles: FloatArray) -> FloatArray:
-    """(P,): how far the farthest of the points (P, R, 3) is from all triangles (T, 3, 3)."""
-    found = np.full(points.shape[:2], np.inf)
-    for corners in triangles:
-        own = np.broadcast_to(corners, (points[..., 0].size, 3, 3))
-        found = np.minimum(found, point_to_triangles(points.reshape(-1, 3), own).reshape(found.shape))
-    return found.max(axis=1)
-
-
 @given(
     bumps=st.sampled_from([0.0, 0.05, 0.2, 0.5]),
     size=st.sampled_from([0.01, 0.05, 0.2, 0.6]),
@@ -81,8 +71,9 @@ def test_no_point_of_a_piece_is_farther_than_its_bound(bumps: float, size: float
     placed = np.flatnonzero(np.isfinite(bounds))
     weights = np.concatenate([np.eye(3), np.full((1, 3), 1 / 3), (1 - np.eye(3)) / 2])
     points = np.einsum("rk,kpd->prd", weights, pieces.hulls[:, placed])
-    real = shell.triangles.corners[: len(shell.triangles.vertices)]
-    assert np.all(farthest(points, real) <= bounds[placed] * (1 + 1e-9) + 1e-12)
+    real = np.arange(3 * len(shell.triangles.vertices)).reshape(-1, 3)
+    off = distances(points.reshape(-1, 3), shell.triangles.corners.reshape(-1, 3), real, 0.0)
+    assert np.all(off.reshape(points.shape[:2]).max(axis=1) <= bounds[placed] * (1 + 1e-9) + 1e-12)
 
 
 def test_most_pieces_that_are_near_have_places() -> None:

@@ -58,7 +58,7 @@ def assert_both_ways(mesh: PolygonMesh, plan: Plan, tessellation: TessellationPl
     triangles, sizes = soundness.drawn(made), soundness.sizes(made)
     owners = np.concatenate([tessellation.drawn, tessellation.drawn[sizes > 3]])
     fine, fine_triangles, step = surface(mesh)
-    points = points_of(made.positions, triangles, 3)
+    points = points_of(made.positions[triangles], 3)
     there = distances(points.reshape(-1, 3), fine, fine_triangles).reshape(len(points), -1).max(axis=1)
     bounds = plan.bounds(leaves)
     assert np.all(bounds <= plan.request.limit)
@@ -96,7 +96,7 @@ def test_bounds_hold_on_any_closed_surface(seed: int, size: float, turns: float)
 @pytest.mark.parametrize("kind", ["quadratic", "cubic", "uneven", "bent"])
 def test_errors_along_normals_are_those_of_samples_at_most(kind: str) -> None:
     """Of single leaves with every template, without curvature around: normals of all of the leaf count."""
-    weights, shares = points_of(np.eye(3), np.array([[0, 1, 2]]), 6)[0], []
+    weights, shares = points_of(np.eye(3)[None], 6)[0], []
     for number in np.flatnonzero(TRIANGLE_COUNTS):
         net = nets_of(kind, 40, np.random.default_rng(number))
         places = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, 5)]), axis=-1).reshape(-1, 2)
