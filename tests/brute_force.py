@@ -110,17 +110,12 @@ def reached(mesh: PolygonMesh, faces: IndexArray, level: int, vertices: str) -> 
         limits = limit_positions(part)[part.corner_vertices[: len(values)]]
         gaps = np.linalg.norm(values - limits, axis=1).reshape(-1, 4).max(axis=1)
         np.maximum.at(farthest, bases, gaps)
-        near = _largest_of_each(gaps, bases, QUADS_OF_A_FACE)
+        order = np.lexsort((-gaps, bases))
+        starts = np.searchsorted(bases[order], bases[order])
+        near = order[np.arange(len(order)) - starts < QUADS_OF_A_FACE]
         values = values.reshape(-1, 4, 3)[near].reshape(-1, 3)
         part, bases = submesh(part, near)[0], bases[near]
     return farthest
-
-
-def _largest_of_each(values: FloatArray, bases: IndexArray, count: int) -> IndexArray:
-    """Which of (N,) values are among so many largest ones of their base."""
-    order = np.lexsort((-values, bases))
-    starts = np.searchsorted(bases[order], bases[order])
-    return order[np.arange(len(order)) - starts < count]
 
 
 def _children(mesh: PolygonMesh, bases: IndexArray) -> tuple[PolygonMesh, IndexArray]:

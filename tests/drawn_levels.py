@@ -71,14 +71,20 @@ def points_of(corners: FloatArray, steps: int = 4) -> FloatArray:
     return np.einsum("sc,tci->tsi", weights, corners)
 
 
+def surface(mesh: PolygonMesh, level: int) -> tuple[FloatArray, IndexArray, IndexArray, float]:
+    """Fine triangles that stand for it as they are drawn, and how far they are off those of the level before: about
+    four times as far as off the surface."""
+    coarse = refined(mesh, level - 1)
+    fine, triangles, owners = coarse.refined().drawn(Vertices.LIMIT)
+    return fine, triangles, owners, float(distances(fine, *coarse.drawn(Vertices.LIMIT)[:2]).max())
+
+
 def sampled(
     mesh: PolygonMesh, level: int, vertices: Vertices, is_turned: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray, float]:
     """(F,) how far the triangles of each face are from the surface, (F,) the surface over it from the triangles, and
     how far the fine triangles that stand for the surface are off those of the level before."""
-    coarse = refined(mesh, level + DEEPER - 1)
-    fine, fine_triangles, fine_owners = coarse.refined().drawn(Vertices.LIMIT)
-    step = float(distances(fine, *coarse.drawn(Vertices.LIMIT)[:2]).max())
+    fine, fine_triangles, fine_owners, step = surface(mesh, level + DEEPER)
     positions, triangles, owners = refined(mesh, level, is_turned).drawn(vertices)
     points = points_of(positions[triangles])
     there = distances(points.reshape(-1, 3), fine, fine_triangles).reshape(len(points), -1).max(axis=1)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
-from ccdepth_addon.core.surface.sharpness import crease_to_sharpness
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule, crease_to_sharpness
 
 EdgeCreases = dict[tuple[int, int], float]
 
@@ -65,6 +65,20 @@ def to_polygon_mesh(data: MeshData) -> PolygonMesh:
     )
 
 
+def build(data: MeshData, *, smooth_corners: bool = True) -> PolygonMesh:
+    """The core's mesh of it, with the boundary rule applied."""
+    return apply_boundary_rule(to_polygon_mesh(data), smooth_corners=smooth_corners)
+
+
+def diagonal(mesh: MeshData | PolygonMesh) -> float:
+    return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+
+
+def bent(data: MeshData, change: Callable[..., Sequence[NDArray[np.float64]]]) -> MeshData:
+    """With its points moved: change of (V,) x, y and z gives the new ones."""
+    return replace(data, positions=np.stack(change(*data.positions.T), axis=1))
+
+
 # Quads and n-gons, smooth
 
 
@@ -87,28 +101,22 @@ def grid(columns: int, rows: int) -> MeshData:
 def hexagons(columns: int, rows: int, noise: float = 0.0, seed: int = 1) -> MeshData:
     """A honeycomb in the plane z = 0, its vertices moved about within the plane. By more than 0.15 some hexagons are
     dented."""
-    data = grid(2 * columns + 1, rows)
-    x, y, _ = data.positions.T
-    lifted = y + np.where((x + y) % 2 == 0, 0.15, -0.15)
-    own = np.stack([x, lifted, np.zeros_like(x)], axis=1)
+    own = grid(2 * columns + 1, rows).positions
+    own[:, 1] += np.where(own.sum(axis=1) % 2 == 0, 0.15, -0.15)
     own[:, :2] += np.random.default_rng(seed).uniform(-noise, noise, (len(own), 2))
     index = np.arange(len(own)).reshape(rows + 1, -1)
-    faces = []
-    for row in range(rows):
-        for first in range(row % 2, row % 2 + 2 * columns, 2):
-            along = [first, first + 1, first + 2]
-            faces.append([*index[row, along].tolist(), *index[row + 1, along[::-1]].tolist()])
+    at = [
+        (row, slice(row % 2 + 2 * column, row % 2 + 2 * column + 3)) for row in range(rows) for column in range(columns)
+    ]
+    faces = [[*index[row, along], *index[row + 1, along][::-1]] for row, along in at]
     used, corners = np.unique(np.array(faces), return_inverse=True)
     return MeshData(own[used], np.full(len(faces), 6), corners.reshape(-1))
 
 
 def landscape(columns: int, rows: int, seed: int = 1) -> MeshData:
     """A grid with hills and some noise on them."""
-    data = grid(columns, rows)
-    x, y, _ = data.positions.T
-    noise = np.random.default_rng(seed).uniform(-0.2, 0.2, len(x))
-    heights = np.sin(0.9 * x) * np.cos(0.6 * y) + noise
-    return replace(data, positions=np.stack([x, y, heights], axis=1))
+    noise = np.random.default_rng(seed).uniform(-0.2, 0.2, (columns + 1) * (rows + 1))
+    return bent(grid(columns, rows), lambda x, y, _: (x, y, np.sin(0.9 * x) * np.cos(0.6 * y) + noise))
 
 
 def bent_plate() -> MeshData:
@@ -134,14 +142,24 @@ def torus(major: int, minor: int) -> MeshData:
     return MeshData(positions.reshape(-1, 3), np.full(major * minor, 4), quads.reshape(-1))
 
 
-def cylinder(sides: int) -> MeshData:
-    """Quads around, an n-gon at each end."""
-    angles = 2 * np.pi * np.arange(sides) / sides
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    positions = np.concatenate([np.column_stack([ring, np.full(sides, z)]) for z in (-1.0, 1.0)])
-    quads = [[i, (i + 1) % sides, sides + (i + 1) % sides, sides + i] for i in range(sides)]
-    caps = [list(range(sides))[::-1], list(range(sides, 2 * sides))]
-    return from_faces(positions, quads + caps)
+def cylinder(sides: int, profile: Sequence[tuple[float, float]] = ((1.0, -1.0), (1.0, 1.0))) -> MeshData:
+    """Quads around, an n-gon at each end. profile: radii and heights, upwards."""
+    positions = [(r * np.cos(t), r * np.sin(t), z) for r, z in profile for t in 2 * np.pi * np.arange(sides) / sides]
+    rings = np.arange(len(positions)).reshape(-1, sides)
+    right = np.roll(rings, -1, axis=1)
+    quads = np.stack([rings[:-1], right[:-1], right[1:], rings[1:]], axis=-1).reshape(-1, 4)
+    return from_faces(positions, [*quads.tolist(), rings[0, ::-1].tolist(), rings[-1].tolist()])
+
+
+def sphere(columns: int, rows: int) -> MeshData:
+    """With poles of triangles."""
+    turns, heights = np.arange(columns) * 2 * np.pi / columns, np.arange(1, rows) * np.pi / rows
+    positions = [(np.sin(h) * np.cos(t), np.sin(h) * np.sin(t), np.cos(h)) for h in heights for t in turns]
+    rings = np.arange(len(positions)).reshape(-1, columns)
+    right, pole = np.roll(rings, -1, axis=1), np.full(columns, len(positions))
+    quads = np.stack([rings[:-1], rings[1:], right[1:], right[:-1]], axis=-1).reshape(-1, 4)
+    caps = np.stack([[pole, rings[0], right[0]], [pole + 1, right[-1], rings[-1]]]).swapaxes(1, 2).reshape(-1, 3)
+    return from_faces([*positions, (0, 0, 1), (0, 0, -1)], quads.tolist() + caps.tolist())
 
 
 def fan(valence: int, rings: int = 2, seed: int = 1) -> MeshData:
@@ -227,11 +245,7 @@ def trapezohedron(sides: int) -> MeshData:
 
 def bipyramid(sides: int) -> MeshData:
     """A closed mesh of triangles: a belt of vertices of valence 4, and two poles of valence ``sides``."""
-    angles = 2 * np.pi * np.arange(sides) / sides
-    belt = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(sides)])
-    upper = [[sides, i, (i + 1) % sides] for i in range(sides)]
-    lower = [[sides + 1, (i + 1) % sides, i] for i in range(sides)]
-    return from_faces([*belt.tolist(), [0, 0, 1], [0, 0, -1]], upper + lower)
+    return sphere(sides, 2)
 
 
 # Non-manifold and other awkward ones
@@ -250,6 +264,7 @@ def welded(data: MeshData, other: MeshData, pairs: dict[int, int]) -> MeshData:
         face_sizes=np.concatenate([data.face_sizes, other.face_sizes]),
         corner_vertices=np.concatenate([data.corner_vertices, renumbered[other.corner_vertices]]),
         edge_creases=data.edge_creases | moved,
+        vertex_creases=data.vertex_creases | {int(renumbered[v]): crease for v, crease in other.vertex_creases.items()},
     )
 
 
@@ -291,11 +306,8 @@ def three_faces_on_an_edge() -> MeshData:
 
 def fin_through() -> MeshData:
     """Three half-planes on a line: an interior non-manifold crease with ends on the boundary."""
-    data = landscape(4, 4)
-    fin = moved(grid(4, 2), 0.0, 2.0)
-    x, z, y = fin.positions.T
-    upright = replace(fin, positions=np.stack([x, y + 0.1, z], axis=1))
-    return welded(data, upright, {column: 10 + column for column in range(5)})
+    upright = bent(moved(grid(4, 2), 0.0, 2.0), lambda x, z, y: (x, y + 0.1, z))
+    return welded(landscape(4, 4), upright, {column: 10 + column for column in range(5)})
 
 
 def boundary_touching_inside() -> MeshData:

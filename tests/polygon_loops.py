@@ -71,19 +71,14 @@ def plain(corners: FloatArray) -> Loop:
     return Loop(corners, middles, np.zeros(len(corners), dtype=bool))
 
 
-def regular(size: int) -> FloatArray:
-    """(size, 3): a regular polygon of radius 1 in the plane z = 0, counter-clockwise."""
-    angles = 2 * np.pi * np.arange(size) / size
-    return np.stack([np.cos(angles), np.sin(angles), np.zeros(size)], axis=1)
-
-
 def random_loop(seed: int, size: int, unevenness: float, height: float, bent_share: float) -> Loop:
     """A convex polygon with its vertices off it by so much within the plane, and so much across; some sides bent.
 
     It is turned and moved at random.
     """
     generator = np.random.default_rng(seed)
-    corners = regular(size)
+    angles = 2 * np.pi * np.arange(size) / size
+    corners = np.stack([np.cos(angles), np.sin(angles), np.zeros(size)], axis=1)
     corners[:, :2] += unevenness * generator.uniform(-1, 1, (size, 2))
     middles = (corners + np.roll(corners, -1, axis=0)) / 2
     bent = generator.random(size) < bent_share
@@ -156,13 +151,6 @@ def is_simple(vertices: FloatArray, normal: FloatArray) -> bool:
             if across <= 0 and along <= 0:
                 return False
     return True
-
-
-def convex_corners(vertices: FloatArray, normal: FloatArray) -> np.ndarray:
-    """(N,) bool: whether the polygon turns left at each vertex."""
-    flat = seen_along(vertices, normal)
-    around = np.stack([np.roll(flat, 1, axis=0), flat, np.roll(flat, -1, axis=0)], axis=1)
-    return np.array([doubled_area(triangle) > 0 for triangle in around])
 
 
 # Distances

@@ -17,8 +17,7 @@ from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
-
-SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+from tests.brute_force import SQUARE
 
 # Vertices that are nearer to each other, as a part of the diagonal, are one vertex made twice: rounding keeps the same
 # point of the surface together to 1e-15, and the least faces of the tests are some 1e-6 wide.
@@ -133,11 +132,8 @@ def assert_same_topology(base: PolygonMesh, made: SubdividedMesh) -> None:
     """Euler characteristic and connected components, by vertices and by edges, are those of the base mesh."""
     euler = len(made.positions) - len(made.edge_vertices) + len(made.base_faces)
     assert euler == base.vertex_count - base.edge_count + base.face_count
-    for theirs, ours in (
-        (base.corner_vertices, made.corner_vertices),
-        (base.corner_edges, made.corner_edges),
-    ):
-        assert components(corner_faces(made), ours) == components(base.corner_faces, theirs)
+    for name in ("corner_vertices", "corner_edges"):
+        assert components(corner_faces(made), getattr(made, name)) == components(base.corner_faces, getattr(base, name))
 
 
 def components(faces: IndexArray, through: IndexArray) -> int:
@@ -224,11 +220,10 @@ def assert_no_vertex_inside_sides(base: PolygonMesh, made: SubdividedMesh) -> No
     same = made.corner_points.corners == made.corner_points.corners[after]
     of_quad = base.corner_faces[made.corner_points.corners]
     square, own = in_square(base, made.corner_points), made.corner_points.parameters
-    for wanted, group, places in (
-        (is_quad, of_quad, square),
-        (~is_quad & same, made.corner_points.corners, own),
+    for alike, wanted, group, places in (
+        (is_quad, is_quad, of_quad, square),
+        (~is_quad, ~is_quad & same, made.corner_points.corners, own),
     ):
-        alike = is_quad if group is of_quad else ~is_quad
         stands = place_keys(group[alike], places[alike])
         starts, ends = places[wanted], places[after[wanted]]
         for part in (0.25, 0.5, 0.75):
@@ -248,13 +243,8 @@ def assert_nothing_degenerate(made: SubdividedMesh) -> None:
     """No vertex doubled, no face without area."""
     diagonal = np.linalg.norm(np.ptp(made.positions, axis=0))
     assert not cKDTree(made.positions).query_pairs(SAME_POINT * diagonal)
-    assert shape_quality(made).min() > LEAST_AREA
-
-
-def shape_quality(made: SubdividedMesh) -> FloatArray:
-    """(F,) each face's area as a part of the square over its longest side."""
     normals, longest = newell_normals(made)
-    return np.linalg.norm(normals, axis=1) / longest**2
+    assert np.all(np.linalg.norm(normals, axis=1) > LEAST_AREA * longest**2)
 
 
 def newell_normals(made: SubdividedMesh) -> tuple[FloatArray, FloatArray]:

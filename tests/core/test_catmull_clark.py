@@ -41,7 +41,7 @@ NEARLY_THERE = 1e-6
 
 
 def build(name: str, *, smooth_corners: bool = True) -> PolygonMesh:
-    return apply_boundary_rule(meshes.to_polygon_mesh(MESHES[name]()), smooth_corners=smooth_corners)
+    return meshes.build(MESHES[name](), smooth_corners=smooth_corners)
 
 
 every_mesh = pytest.mark.parametrize("name", MESHES)
@@ -73,7 +73,7 @@ def test_corners_of_a_quad_stay_only_where_kept() -> None:
 
 def test_rules_follow_from_the_number_of_sharp_edges() -> None:
     data = meshes.creased(meshes.cube(), {(0, 1): 1.0, (1, 3): 0.5, (1, 5): 0.2}, {6: 0.3})
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+    mesh = meshes.build(data)
     dart, corner, smooth = VertexRule.DART, VertexRule.CORNER, VertexRule.SMOOTH
     np.testing.assert_array_equal(vertex_rules(mesh), [dart, corner, smooth, dart, smooth, dart, corner, smooth])
     np.testing.assert_array_equal(has_semi_sharp(mesh), [False, True, False, True, False, True, True, False])
@@ -86,11 +86,11 @@ def test_crease_becomes_sharpness_in_single_precision() -> None:
 
 
 def test_non_manifold_features_are_infinitely_sharp() -> None:
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.fin_through()), smooth_corners=True)
+    mesh = meshes.build(meshes.fin_through())
     rules = vertex_rules(mesh)
     # The line where the fin stands: inside it a crease, at its ends, on the boundary, corners.
     np.testing.assert_array_equal(rules[10:15], [VertexRule.CORNER, *[VertexRule.CREASE] * 3, VertexRule.CORNER])
-    touching = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bow_tie_inside()), smooth_corners=True)
+    touching = meshes.build(meshes.bow_tie_inside())
     assert np.isinf(touching.vertex_sharpness[4])
 
 

@@ -20,22 +20,14 @@ from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_dep
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from tests import brute_force, meshes, nets
-from tests.core import test_face_depths
 from tests.core.test_face_depths import both_vertices
 from tests.core.test_norm_bounds import fan_positions
+from tests.meshes import build, diagonal
 from tests.thorough import combinations
-
-
-def build(data: meshes.MeshData, smooth_corners: bool = False) -> PolygonMesh:
-    return test_face_depths.build(data, smooth_corners=smooth_corners)
 
 
 def certified(mesh: PolygonMesh, tolerance: float, vertices: str) -> DepthResult:
     return face_depths(mesh, tolerance, "CERTIFIED", vertices)
-
-
-def diagonal(mesh: PolygonMesh) -> float:
-    return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
 
 
 CASES = meshes.AWKWARD | {
@@ -59,7 +51,7 @@ def test_depths_are_the_least_ones(half: int, vertices: str) -> None:
     """Never below the least depth, and on 99.5 % of all the faces equal to it; wherever it is said to be exact."""
     total = brute_force.Comparison()
     for name, smooth_corners in [*((name, False) for name in CASES), *((name, True) for name in OPEN)][half::2]:
-        mesh = build(CASES[name](), smooth_corners)
+        mesh = build(CASES[name](), smooth_corners=smooth_corners)
         measured = brute_force.Levels(mesh)
         levels = 3 if mesh.face_count < 15 else 2 if mesh.face_count < 60 else 1
         sampled = np.array([measured.distances(level, vertices, DEEPER) for level in range(levels + 1)])
@@ -69,7 +61,16 @@ def test_depths_are_the_least_ones(half: int, vertices: str) -> None:
             found = certified(mesh, tolerance, vertices)
             assert np.all(found.depths >= before), name
             before = found.depths
-            assert_between_its_distances(mesh, sampled, found, tolerance, vertices)
+            # The proved distance is no less than any sample, and what is said to be reached can be found.
+            assert np.all((found.distances <= found.bounds) & (found.bounds <= tolerance)), name
+            for level, distances in enumerate(sampled):
+                here = found.depths == level
+                assert np.all(distances[here] <= found.bounds[here]), name
+                # Samples miss the largest distance; the search for it ends, too, somewhat below it.
+                missed = np.flatnonzero(here & (found.distances > distances * (1 + 1e-9) + 1e-12))
+                if len(missed):
+                    closely = brute_force.reached(mesh, missed, level, vertices)
+                    assert np.all(found.distances[missed] <= closely * (1 + 1e-3) + 1e-12), name
             if relative == 1e-4:
                 # Fine tolerances end; their depths are beyond what is sampled.
                 continue
@@ -84,25 +85,6 @@ def test_depths_are_the_least_ones(half: int, vertices: str) -> None:
                 total += compared
     assert total.faces > 1000
     assert total.equal_share >= 0.995
-
-
-def assert_between_its_distances(
-    mesh: PolygonMesh, sampled: FloatArray, found: DepthResult, tolerance: float, vertices: str
-) -> None:
-    """The proved distance is no less than any sample, and what is said to be reached can be found."""
-    assert np.all(found.bounds <= tolerance)
-    assert np.all(found.distances <= found.bounds)
-    for level, distances in enumerate(sampled):
-        here = found.depths == level
-        assert np.all(distances[here] <= found.bounds[here])
-        # Samples miss the largest distance; the search for it ends, too, somewhat below it.
-        missed = np.flatnonzero(here & (found.distances > distances * (1 + 1e-9) + 1e-12))
-        if len(missed):
-            closely = brute_force.reached(mesh, missed, level, vertices)
-            assert np.all(found.distances[missed] <= closely * (1 + 1e-3) + 1e-12)
-
-
-# Single patches
 
 
 def assert_patch_is_safe(points: FloatArray, tolerance: float, vertices: str) -> None:
@@ -150,14 +132,11 @@ def test_random_patches_of_large_valence(valence: int, vertices: str) -> None:
 def test_tolerances_next_to_the_distance(vertices: str) -> None:
     """Just below the distance of its facets a face needs a level more, just above it none."""
     for data in (meshes.cube(), meshes.fan(5), meshes.torus(7, 5)):
-        mesh = build(data)
+        mesh = build(data, smooth_corners=False)
         for level in range(2):
             distance = float(brute_force.reached(mesh, np.array([0]), level, vertices)[0])
             for share, depth in ((0.999, level + 1), (0.99999, level + 1), (1.001, level)):
                 assert certified(mesh, share * distance, vertices).depths[0] == depth
-
-
-# Depth 0
 
 
 @both_vertices
@@ -166,7 +145,7 @@ def test_planar_n_gons_need_nothing_where_it_is_true(vertices: str) -> None:
     angles = np.pi / 3 * np.arange(6)
     ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(6)])
     quads = [[i, 6 + i, 6 + (i + 1) % 6, (i + 1) % 6] for i in range(6)]
-    mesh = build(meshes.from_faces(np.concatenate([ring, 2 * ring]), [list(range(6)), *quads]))
+    mesh = build(meshes.from_faces(np.concatenate([ring, 2 * ring]), [list(range(6)), *quads]), smooth_corners=False)
     sampled = np.array([brute_force.Levels(mesh).distances(level, vertices, 5) for level in range(2)])
     for tolerance in (0.2, 0.02):
         compared = brute_force.compare(mesh, sampled, certified(mesh, tolerance, vertices), tolerance, vertices)
@@ -181,7 +160,8 @@ def test_tolerances_that_are_the_distance(vertices: str, distance: float) -> Non
     One level more is the price, and neither time nor memory.
     """
     data = meshes.grid(24, 24)
-    mesh = build(replace(data, positions=data.positions + data.positions[:, :1] ** 2 * [0.0, 0.0, 1.0]))
+    data = replace(data, positions=data.positions + data.positions[:, :1] ** 2 * [0.0, 0.0, 1.0])
+    mesh = build(data, smooth_corners=False)
     for level in range(4):
         tracemalloc.start()
         found = certified(mesh, distance / 4**level, vertices)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -22,9 +21,9 @@ from ccdepth_addon.core.deviation.mesh_to_surface import Facets
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.limit_positions import limit_positions
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets, soundness
 from tests.brute_force import quad_places
+from tests.core import test_adaptive
 from tests.drawn_levels import points_of
 from tests.thorough import combinations, each
 from tests.triangle_distances import distances
@@ -37,27 +36,9 @@ TOLERANCE = 1e-3
 # Steps along the sides of triangles.
 STEPS = 6
 
-MESHES: dict[str, Callable[[], meshes.MeshData]] = {
-    "cube": meshes.cube,
-    "torus": lambda: meshes.torus(8, 6),
-    "landscape": lambda: meshes.landscape(4, 3),
-    "valence 5": lambda: meshes.fan(5, 2),
-    "valence 12": lambda: meshes.fan(12, 1),
-    "valence 2": meshes.valence_two,
-    "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
-    "triangles": lambda: meshes.bumpy(meshes.bipyramid(8), 0.05),
-    "collapsed faces": lambda: meshes.with_collapsed_faces(meshes.landscape(4, 3)),
-    "poles": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
-    "creases": lambda: meshes.with_random_creases(meshes.landscape(3, 3)),
-    "creased cube": meshes.creased_cube,
-    "house with creases": lambda: meshes.with_random_creases(meshes.triangles_and_quads()),
-    "not manifold": meshes.three_faces_on_an_edge,
-    "Möbius": meshes.mobius_strip,
-}
-
-
-def control_of(data: meshes.MeshData) -> PolygonMesh:
-    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+NAMES = ["cube", "torus", "landscape", "valences 2 and 12", "valences 3 and 7", "n-gons", "triangles", "Möbius strip"]
+NAMES += ["random creases", "creased cube", "n-gons with creases", "three faces on an edge", "collapsed faces"]
+MESHES = {name: test_adaptive.MESHES[name] for name in NAMES}
 
 
 def result(control: PolygonMesh, level: int, *, limit: bool) -> tuple[FloatArray, IndexArray]:
@@ -70,14 +51,18 @@ def result(control: PolygonMesh, level: int, *, limit: bool) -> tuple[FloatArray
 @cache
 def fine(name: str) -> tuple[FloatArray, IndexArray]:
     """The surface as triangles with their corners on it, so many that they are hardly off."""
-    control = control_of(MESHES[name]())
-    return result(control, 4 if control.face_count < 30 else 3, limit=True)
+    control = meshes.build(MESHES[name]())
+    return result(control, fine_level(control), limit=True)
+
+
+def fine_level(control: PolygonMesh) -> int:
+    return 4 if control.face_count < 30 else 3
 
 
 def sampled(name: str, positions: FloatArray, triangles: IndexArray) -> tuple[FloatArray, FloatArray]:
     """(F,) from the surface of each face to the mesh, whose points are really on it: reached; (T,) back, about."""
     surface, surface_triangles = fine(name)
-    faces = control_of(MESHES[name]()).face_sizes
+    faces = meshes.build(MESHES[name]()).face_sizes
     there = distances(surface, positions, triangles)[surface_triangles].max(axis=1)
     ends = np.cumsum(faces) * (len(there) // faces.sum())
     points = points_of(positions[triangles], STEPS)
@@ -85,18 +70,10 @@ def sampled(name: str, positions: FloatArray, triangles: IndexArray) -> tuple[Fl
     return np.maximum.reduceat(there, [0, *ends[:-1]]), back.reshape(len(triangles), -1).max(axis=1)
 
 
-@cache
-def surface_is_off(name: str) -> float:
-    """How far the fine triangles are off the surface, about."""
-    return off_surface(control_of(MESHES[name]()), *fine(name))
-
-
-def off_surface(control: PolygonMesh, surface: FloatArray, triangles: IndexArray) -> float:
+def off_surface(control: PolygonMesh, level: int) -> float:
     """How far triangles of a level with corners on the surface are off it, about: what another level changes."""
-    level = 1
-    while 2 * control.corner_count * 4 ** (level - 1) < len(triangles):
-        level += 1
-    return 2 * float(distances(result(control, level + 1, limit=True)[0], surface, triangles).max())
+    deeper, _ = result(control, level + 1, limit=True)
+    return 2 * float(distances(deeper, *result(control, level, limit=True)).max())
 
 
 def assert_sound(found: Deviation) -> None:
@@ -108,30 +85,27 @@ def assert_sound(found: Deviation) -> None:
     assert between == pytest.approx(found.reached, rel=0.011, abs=1e-9)
 
 
-def measured_as_sampled(name: str, positions: FloatArray, triangles: IndexArray) -> Deviation:
-    """The deviation, which lies where samples say."""
-    found = measure_deviation(control_of(MESHES[name]()), positions, triangles, accuracy=ACCURACY)
+@pytest.mark.parametrize(("name", "limit"), combinations(MESHES, [False, True]))
+def test_deviation_lies_where_samples_say(name: str, limit: bool) -> None:
+    control = meshes.build(MESHES[name]())
+    positions, triangles = result(control, 1, limit=limit)
+    found = measure_deviation(control, positions, triangles, accuracy=ACCURACY)
     assert_sound(found)
     assert found.accuracy_met
     assert found.proved <= (1 + ACCURACY) * found.reached
     there, back = sampled(name, positions, triangles)
     # Points of the surface are exact but for rounding; those of the mesh are compared with a fine mesh in its place.
+    off = off_surface(control, fine_level(control))
     assert np.all(found.face_bounds >= there - 1e-12)
-    assert np.all(found.triangle_bounds >= back - surface_is_off(name))
+    assert np.all(found.triangle_bounds >= back - off)
     # Samples this dense reach nearly everything.
-    assert found.reached <= 1.02 * max(there.max(), back.max()) + surface_is_off(name)
-    return found
-
-
-@pytest.mark.parametrize(("name", "limit"), combinations(MESHES, [False, True]))
-def test_deviation_lies_where_samples_say(name: str, limit: bool) -> None:
-    measured_as_sampled(name, *result(control_of(MESHES[name]()), 1, limit=limit))
+    assert found.reached <= 1.02 * max(there.max(), back.max()) + off
 
 
 @pytest.mark.parametrize("name", [*MESHES, "saddle"])
 def test_the_surface_is_as_near_to_its_pieces_and_their_triangles_as_said(name: str) -> None:
     """At equal parameters, from whichever corner a piece is counted."""
-    pieces = bezier_pieces(control_of(MESHES.get(name, saddle)()), 0, lambda: None)
+    pieces = bezier_pieces(meshes.build(MESHES.get(name, saddle)()), 0, lambda: None)
     count, facets = pieces.unit_count, Facets.of(pieces, np.arange(pieces.unit_count))
     mesh = nets.refined(pieces.unit_mesh, 4)
     points = limit_positions(mesh)[mesh.corner_vertices].reshape(count, -1, 3)
@@ -152,19 +126,10 @@ def test_the_surface_is_as_near_to_its_pieces_and_their_triangles_as_said(name: 
 
 def saddle() -> meshes.MeshData:
     """Inside, the surface is bilinear over every face: its triangles are off by all of what is said."""
-    data = meshes.grid(5, 5)
-    x, y, _ = data.positions.T
-    return meshes.replace(data, positions=np.stack([x, y, x * y], axis=1))
+    return meshes.bent(meshes.grid(5, 5), lambda x, y, _: (x, y, x * y))
 
 
 # Distances that are known
-
-
-def flat(columns: int, rows: int, uneven: float) -> meshes.MeshData:
-    """A grid in a plane with uneven spacing."""
-    data = meshes.grid(columns, rows)
-    x, y, z = data.positions.T
-    return meshes.replace(data, positions=np.stack([x**uneven, y, z], axis=1))
 
 
 @pytest.mark.parametrize("count", each([20, 60], [20]))
@@ -175,7 +140,7 @@ def test_a_square_that_is_its_own_surface_is_off_by_nothing(count: int) -> None:
     for side in (10.0 ** generator.uniform(-5, 5, 60)).tolist()[:count]:
         corners = side * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=float)
         data = meshes.MeshData(corners, np.array([4]), np.array([0, 1, 3, 2]))
-        control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
+        control = meshes.build(data, smooth_corners=False)
         made = corners * (1 + 2.0**-52 * generator.integers(-1, 2, corners.shape))
         found = measure_deviation(control, made, np.array([[0, 1, 3], [0, 3, 2]]), accuracy=0.02, enough=side / 14)
         assert found.reached <= 1e-12 * side
@@ -184,8 +149,8 @@ def test_a_square_that_is_its_own_surface_is_off_by_nothing(count: int) -> None:
 
 @pytest.mark.parametrize("height", [1e-6, 0.01, 3.0])
 def test_lifted_plane(height: float) -> None:
-    """Every point of either is so far from the other, and none farther."""
-    control = control_of(flat(3, 2, 2.5))
+    """Every point of either is so far from the other, and none farther, though the spacing is uneven."""
+    control = meshes.build(meshes.bent(meshes.grid(3, 2), lambda x, y, z: (x**2.5, y, z)))
     positions, triangles = result(control, 3, limit=True)
     found = measure_deviation(control, positions + np.array([0, 0, height]), triangles, accuracy=0.2)
     at_border = measure_deviation(control, positions, triangles, accuracy=0.2).proved
@@ -195,7 +160,7 @@ def test_lifted_plane(height: float) -> None:
 
 
 def test_triangles_beyond_the_border_are_as_far_as_they_reach() -> None:
-    control = apply_boundary_rule(meshes.to_polygon_mesh(meshes.grid(4, 4)), smooth_corners=False)
+    control = meshes.build(meshes.grid(4, 4), smooth_corners=False)
     positions, triangles = result(control, 1, limit=True)
     positions = positions + 0.1 * (positions - 2) * [1.0, 1.0, 0.0]
     beyond = np.linalg.norm(np.maximum(np.abs(positions - 2)[:, :2] - 2, 0), axis=1)[triangles].max(axis=1)
@@ -206,7 +171,7 @@ def test_triangles_beyond_the_border_are_as_far_as_they_reach() -> None:
 
 def test_a_spike_of_the_mesh_and_a_part_missing_from_it_are_reached() -> None:
     """What only one of the two has counts as much: a hole, whose border is as far off as its middle is from it."""
-    control = apply_boundary_rule(meshes.to_polygon_mesh(meshes.grid(4, 4)), smooth_corners=False)
+    control = meshes.build(meshes.grid(4, 4), smooth_corners=False)
     positions, triangles = result(control, 1, limit=True)
     spiked = positions.copy()
     spiked[np.argmin(np.linalg.norm(positions - [2, 2, 0], axis=1)), 2] = 0.7
@@ -233,7 +198,7 @@ def test_a_spike_of_the_mesh_and_a_part_missing_from_it_are_reached() -> None:
 def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float, bumps: float) -> None:
     """The bounds hold for what has nothing to do with the surface's parameters; bumps as large as faces fold these."""
     generator = np.random.default_rng(seed)
-    control = control_of(meshes.with_random_creases(meshes.bumpy(meshes.landscape(3, 2), bumps, seed), seed))
+    control = meshes.build(meshes.with_random_creases(meshes.bumpy(meshes.landscape(3, 2), bumps, seed), seed))
     positions, triangles = result(control, level + 1, limit=bool(seed % 2))
     positions = positions + generator.normal(size=positions.shape) * noise
     triangles = triangles[generator.random(len(triangles)) < 0.95]
@@ -245,7 +210,7 @@ def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float, 
     worst = distances(found.worst_point[None], positions, triangles, 0.0)
     assert not found.surface_to_mesh or found.reached <= worst + 1e-12
     back = distances(points_of(positions[triangles], STEPS).reshape(-1, 3), *surface)
-    assert found.proved >= back.max() - off_surface(control, *surface)
+    assert found.proved >= back.max() - off_surface(control, 4)
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(2, 12))])
@@ -254,7 +219,7 @@ def test_adaptive_results_of_thin_triangles_are_decided(seed: int) -> None:
     points = np.random.default_rng(seed).random((60, 2))
     heights = 0.05 * np.sin(6 * points[:, 0]) * np.cos(5 * points[:, 1])
     triangles = Delaunay(points).simplices.tolist()
-    control = control_of(meshes.from_faces(np.column_stack([points, heights]), triangles))
+    control = meshes.build(meshes.from_faces(np.column_stack([points, heights]), triangles))
     request = AdaptiveRequest(TOLERANCE, Mode.ADAPTIVE, Transitions.TRIANGLES, 100_000)
     made = subdivide_adaptively(control, request, control.positions).mesh
     corners = soundness.drawn(made)
@@ -266,29 +231,23 @@ def test_adaptive_results_of_thin_triangles_are_decided(seed: int) -> None:
     assert distances(surface, made.positions, corners, found.proved).max() <= found.proved + 1e-12
 
 
-# Limits and progress
-
-
 @cache
 def hills(level: int) -> tuple[PolygonMesh, FloatArray, IndexArray]:
     """A landscape, and a mesh of it."""
-    control = control_of(meshes.landscape(4, 3))
+    control = meshes.build(meshes.landscape(4, 3))
     return control, *result(control, level, limit=True)
 
 
 def test_limits_leave_a_valid_bound() -> None:
-    exact = measure_deviation(*hills(3))
+    """And a tolerance that is far above is met early."""
+    met, exact = measure_deviation(*hills(3), tolerance=1000.0), measure_deviation(*hills(3))
+    assert met.accuracy_met
+    assert met.proved <= 1.0
     for limits in ({"max_pieces": 1}, {"max_pieces": 2000}, {"time_limit": 0.0}):
         found = measure_deviation(*hills(3), **limits)
         assert found.proved >= exact.reached
         assert not found.accuracy_met
         assert found.face_bounds.max() == found.triangle_bounds.max() == found.proved
-
-
-def test_tolerance_far_above_stops_early() -> None:
-    found = measure_deviation(*hills(3), tolerance=1000.0)
-    assert found.accuracy_met
-    assert found.proved <= 1.0
 
 
 def test_a_limit_near_the_distance_is_decided() -> None:
@@ -308,13 +267,10 @@ def test_a_limit_near_the_distance_is_decided() -> None:
 def test_progress_is_told_often_and_may_stop() -> None:
     """Whoever presses Esc is heard soon."""
 
-    class StoppedError(Exception):
-        pass
+    def stop(fraction: float) -> None:
+        raise LookupError(fraction)
 
-    def stop(_: float) -> None:
-        raise StoppedError
-
-    with pytest.raises(StoppedError):
+    with pytest.raises(LookupError):
         measure_deviation(*hills(2), progress=stop)
     told: list[float] = []
     measure_deviation(*hills(5), accuracy=1.0, progress=told.append)
@@ -327,9 +283,6 @@ def test_progress_is_told_often_and_may_stop() -> None:
     assert any(0.5 < fraction < 1 for fraction in told)
 
 
-# Odd triangles
-
-
 def test_degenerate_triangles_change_nothing() -> None:
     control, positions, triangles = hills(1)
     folded = np.concatenate([triangles, triangles[:5][:, [0, 1, 1]], triangles[:3][:, [0, 0, 0]]])
@@ -340,7 +293,7 @@ def test_degenerate_triangles_change_nothing() -> None:
 
 
 def test_bad_input() -> None:
-    control = control_of(meshes.cube())
+    control = meshes.build(meshes.cube())
     positions, triangles = result(control, 1, limit=True)
     with pytest.raises(ValueError, match="no triangles"):
         measure_deviation(control, positions, triangles[:0])

@@ -16,15 +16,10 @@ from ccdepth_addon.core.depth.tolerance import ToleranceTest
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.core.test_distance_depth import MESHES, ROUNDING, case, cases_of
 from tests.drawn_levels import refined
 from tests.triangle_distances import distances
-
-
-def nothing() -> None:
-    """No progress."""
 
 
 def drawn(mesh: PolygonMesh, level: int, vertices: Vertices) -> tuple[FloatArray, IndexArray]:
@@ -66,7 +61,7 @@ def test_no_level_is_disproved_that_is_near_enough(name: str, vertices: Vertices
 
 def disproved(mesh: PolygonMesh, vertices: Vertices, tolerance: float, level: int, faces: IndexArray) -> BoolArray:
     test = ToleranceTest(tolerance, rounding_allowance(mesh))
-    return DisprovedLevels.of(mesh, vertices, test, nothing).all_before(level + 1, faces, nothing)
+    return DisprovedLevels.of(mesh, vertices, test, lambda: None).all_before(level + 1, faces, lambda: None)
 
 
 @pytest.mark.parametrize("vertices", Vertices)
@@ -74,14 +69,14 @@ def disproved(mesh: PolygonMesh, vertices: Vertices, tolerance: float, level: in
 def test_another_sheet_of_the_mesh_near_the_surface_is_not_overlooked(level: int, vertices: Vertices) -> None:
     """Every face is far from its own triangles; near its surface lies a fine copy of this, part of the same mesh."""
     data = meshes.landscape(5, 4, 2)
-    coarse = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+    coarse = meshes.build(data)
     fine = subdivide(subdivide(subdivide(coarse).mesh).mesh).mesh
     tolerance = 0.01 / 2**level
     every = np.arange(coarse.face_count)
     assert np.count_nonzero(disproved(coarse, vertices, tolerance, level, every)) > 0.8 * len(every)
     faces = [*data.faces, *(fine.corner_vertices.reshape(-1, 4) + coarse.vertex_count).tolist()]
     both = meshes.from_faces(np.concatenate([coarse.positions, limit_positions(fine)]), faces)
-    doubled = apply_boundary_rule(meshes.to_polygon_mesh(both), smooth_corners=True)
+    doubled = meshes.build(both)
     found = disproved(doubled, vertices, tolerance, level, every)
     assert not np.any(found & ~far_faces(doubled, level, vertices, tolerance)[every])
     assert np.count_nonzero(found) < 0.2 * len(every)
@@ -116,7 +111,7 @@ def test_quads_drawn_along_their_other_diagonal_are_compared_as_drawn(height: fl
 @pytest.mark.parametrize("vertices", Vertices)
 def test_middles_of_regular_faces_are_no_nearer_than_said(vertices: Vertices) -> None:
     """On a mesh so large that nothing else is looked at; there most far faces are found."""
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.torus(54, 20)), smooth_corners=True)
+    mesh = meshes.build(meshes.torus(54, 20))
     found = disproved(mesh, vertices, 6e-4, 1, np.arange(mesh.face_count))
     far = far_faces(mesh, 1, vertices, 6e-4)
     assert not np.any(found & ~far)

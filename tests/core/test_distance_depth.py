@@ -12,7 +12,7 @@ from itertools import cycle, product
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.arrays.types import BoolArray, FloatArray, IndexArray
+from ccdepth_addon.core.arrays.types import BoolArray, FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
@@ -21,7 +21,6 @@ from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.drawn_levels import largest_around, sampled
 from tests.proved_bounds import level_bounds
@@ -35,61 +34,21 @@ OFF = 2
 ROUNDING = 1e-9
 
 
-def sphere(columns: int = 12, rows: int = 6) -> meshes.MeshData:
-    """A sphere with poles of triangles."""
-    turns, heights = np.arange(columns) * 2 * np.pi / columns, np.arange(1, rows) * np.pi / rows
-    rings = [(np.sin(h) * np.cos(t), np.sin(h) * np.sin(t), np.cos(h)) for h in heights for t in turns]
-    last = len(rings)
-    faces = [
-        [c + columns * r, c + columns * (r + 1), (c + 1) % columns + columns * (r + 1), (c + 1) % columns + columns * r]
-        for r in range(rows - 2)
-        for c in range(columns)
-    ]
-    faces += [[last, c, (c + 1) % columns] for c in range(columns)]
-    bottom = columns * (rows - 2)
-    faces += [[last + 1, bottom + (c + 1) % columns, bottom + c] for c in range(columns)]
-    return meshes.from_faces([*rings, (0, 0, 1), (0, 0, -1)], faces)
-
-
-def bevelled_prism(sides: int = 8, bevel: float = 0.08) -> meshes.MeshData:
+def bevelled_prism(sides: int, bevel: float) -> meshes.MeshData:
     """A prism with two narrow strips around each cap, an n-gon."""
-    turns = np.arange(sides) * 2 * np.pi / sides
     profile = [(1 - bevel, -1.0), (1 - bevel / 4, -1 + bevel / 4), (1.0, -1 + bevel)]
-    profile += [(radius, -height) for radius, height in profile[::-1]]
-    points = [(r * np.cos(t), r * np.sin(t), z) for r, z in profile for t in turns]
-    faces = [
-        [c + sides * k, (c + 1) % sides + sides * k, (c + 1) % sides + sides * (k + 1), c + sides * (k + 1)]
-        for k in range(len(profile) - 1)
-        for c in range(sides)
-    ]
-    caps = [list(range(sides))[::-1], [c + sides * (len(profile) - 1) for c in range(sides)]]
-    return meshes.from_faces(points, faces + caps)
-
-
-def sheared(data: meshes.MeshData, shear: float) -> meshes.MeshData:
-    """Parallelograms in place of squares: sides that are far from perpendicular."""
-    return moved_by(data, lambda x, y, z: (x + shear * y, y, z))
-
-
-def folded(data: meshes.MeshData) -> meshes.MeshData:
-    """Turned over on itself along a line."""
-    return moved_by(data, lambda x, y, z: (np.abs(x - x.mean()), y, z + 0.05 * (x > x.mean())))
+    return meshes.cylinder(sides, profile + [(radius, -height) for radius, height in profile[::-1]])
 
 
 def wavy(data: meshes.MeshData, size: float) -> meshes.MeshData:
     """Grid lines that wind to and fro in the plane."""
-    return moved_by(data, lambda x, y, z: (x + size * np.sin(4 * y), y + size * np.sin(3 * x), z))
-
-
-def moved_by(data: meshes.MeshData, change: Callable[..., tuple[FloatArray, ...]]) -> meshes.MeshData:
-    x, y, z = np.asarray(data.positions, dtype=np.float64).T
-    return meshes.MeshData(**{**vars(data), "positions": np.stack(change(x, y, z), axis=1)})
+    return meshes.bent(data, lambda x, y, z: (x + size * np.sin(4 * y), y + size * np.sin(3 * x), z))
 
 
 MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
     "cube": lambda seed: meshes.bumpy(meshes.cube(), 0.2, seed),
-    "sphere": lambda seed: meshes.bumpy(sphere(4 + seed % 20), 0.03 * (seed % 3), seed),
-    "pole of 16": lambda seed: sphere(16, 4),
+    "sphere": lambda seed: meshes.bumpy(meshes.sphere(4 + seed % 20, 6), 0.03 * (seed % 3), seed),
+    "pole of 16": lambda seed: meshes.sphere(16, 4),
     "bevelled prism": lambda seed: bevelled_prism(3 + seed % 12, 0.02 + 0.05 * (seed % 4)),
     "torus": lambda seed: meshes.bumpy(meshes.torus(9, 6), 0.1, seed),
     "landscape": lambda seed: meshes.landscape(5, 4, seed),
@@ -97,13 +56,18 @@ MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
     "hexagons": lambda seed: meshes.hexagons(3, 3, 0.2, seed),
     "fan": lambda seed: meshes.fan(3 + seed % 9, 2, seed),
     "cylinder with creases": lambda seed: meshes.with_random_creases(meshes.cylinder(6), seed),
-    "sheared": lambda seed: sheared(meshes.landscape(4, 4, seed), 2.5),
+    # Sides that are far from perpendicular.
+    "sheared": lambda seed: meshes.bent(meshes.landscape(4, 4, seed), lambda x, y, z: (x + 2.5 * y, y, z)),
     "wavy": lambda seed: wavy(meshes.landscape(4, 4, seed), 0.2),
     "wavy and flat": lambda seed: wavy(meshes.grid(4, 4), 0.1 + 0.05 * (seed % 4)),
-    "folded": lambda seed: folded(meshes.landscape(6, 3, seed)),
+    # Turned over on itself along a line.
+    "folded": lambda seed: meshes.bent(
+        meshes.landscape(6, 3, seed), lambda x, y, z: (np.abs(x - x.mean()), y, z + 0.05 * (x > x.mean()))
+    ),
     "face soup": lambda seed: meshes.face_soup(seed),
     "collapsed faces": lambda seed: meshes.with_collapsed_faces(meshes.landscape(4, 4, seed)),
     "Möbius strip": lambda seed: meshes.mobius_strip(7 + seed % 5),
+    "tetrahedron": lambda seed: meshes.bumpy(meshes.tetrahedron(), 0.1, seed),
     "three faces on an edge": lambda seed: meshes.three_faces_on_an_edge(),
     "boundary touching inside": lambda seed: meshes.boundary_touching_inside(),
     "flipped face": lambda seed: meshes.flipped_face(),
@@ -111,15 +75,14 @@ MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
     "bow tie": lambda seed: meshes.bow_tie(),
     "valence two": lambda seed: meshes.valence_two(),
     "creased cube": lambda seed: meshes.creased_cube(),
-    "tetrahedron": lambda seed: meshes.bumpy(meshes.tetrahedron(), 0.1, seed),
     "two cubes sharing an edge": lambda seed: meshes.two_cubes_sharing_an_edge(),
-    "pole of 48": lambda seed: sphere(48, 4),
+    "pole of 48": lambda seed: meshes.sphere(48, 4),
 }
 
 
 def case(name: str, seed: int) -> tuple[PolygonMesh, float]:
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(MESHES[name](seed)), smooth_corners=True)
-    return mesh, float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+    mesh = meshes.build(MESHES[name](seed))
+    return mesh, meshes.diagonal(mesh)
 
 
 SEEDS = range(*map(int, os.environ.get("CCDEPTH_SEEDS", "0:4").split(":")))
@@ -203,23 +166,17 @@ def test_uneven_parameters_do_not_count(name: str, tolerance: float, level: int)
 def test_what_is_flat_has_no_distance() -> None:
     """Whatever way its grid lines wind: all of it, at the first level at which vertices are on the surface."""
     mesh, diagonal = case("wavy and flat", 2)
-    inside = np.flatnonzero(~np.isin(np.arange(mesh.face_count), np.unique(border_faces(mesh))))
+    border = mesh.edge_vertices[mesh.edge_face_counts == 1]
+    touching = mesh.corner_faces[np.isin(mesh.corner_vertices, border)]
+    inside = np.setdiff1d(np.arange(mesh.face_count), touching)
     found = face_depths(mesh, 1e-4 * diagonal, "DISTANCE", "LIMIT")
     assert len(inside)
     assert np.all(found.depths[inside] <= 1)
 
 
-def border_faces(mesh: PolygonMesh) -> IndexArray:
-    """The faces that touch the border."""
-    edges = mesh.edge_face_counts == 1
-    vertices = np.zeros(mesh.vertex_count, dtype=bool)
-    vertices[mesh.edge_vertices[edges]] = True
-    return mesh.corner_faces[vertices[mesh.corner_vertices]]
-
-
 def test_faces_of_depth_0_have_the_least_possible_depth() -> None:
     """However many faces there are."""
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.landscape(40, 40)), smooth_corners=True)
+    mesh = meshes.build(meshes.landscape(40, 40))
     found = face_depths(mesh, 10.0, "DISTANCE", "LIMIT")
     assert np.count_nonzero(found.depths == 0) > MOST_FACES
     assert np.all(found.exact[found.depths == 0])

@@ -11,18 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.evaluation import LARGEST_STENCIL_VALENCE, limit_values
 from ccdepth_addon.core.surface.limit_normals import limit_normals
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.new_vertices import limits_of_new_vertices
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes, nets
 from tests.core.test_catmull_clark import MESHES, build, every_mesh
-from tests.core.test_face_depths import build as smooth
+from tests.meshes import build as smooth
 from tests.thorough import combinations
 from tests.uniform import uniform_points
 
@@ -33,17 +31,11 @@ def rounding(values: np.ndarray, levels: int) -> float:
     return 16 * (levels + 1) * np.finfo(np.float64).eps * np.abs(values).max()
 
 
-def limits_of_descendants(mesh: PolygonMesh, levels: int) -> np.ndarray:
-    """The limits of the corners of all faces after so many steps, by refining the whole mesh."""
-    mesh = nets.refined(mesh, levels)
-    return limit_positions(mesh)[mesh.corner_vertices]
-
-
 def assert_agrees(mesh: PolygonMesh, levels: int, factor: float = 1.0) -> None:
     """At the vertices of the mesh after so many steps; factor: how many times the rounding of a small face."""
-    found = limit_values(mesh, mesh.positions, uniform_points(mesh, levels))
-    atol = factor * rounding(mesh.positions, levels)
-    np.testing.assert_allclose(found, limits_of_descendants(mesh, levels), rtol=0, atol=atol)
+    found, fine = limit_values(mesh, mesh.positions, uniform_points(mesh, levels)), nets.refined(mesh, levels)
+    expected, atol = limit_positions(fine)[fine.corner_vertices], factor * rounding(mesh.positions, levels)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=atol)
 
 
 @pytest.mark.parametrize("smooth_corners", [True, False])
@@ -54,7 +46,7 @@ def test_agrees_with_the_limits_of_refined_vertices(name: str, smooth_corners: b
 
 @pytest.mark.parametrize("valence", [*range(2, 13), LARGEST_STENCIL_VALENCE, LARGEST_STENCIL_VALENCE + 1])
 def test_agrees_around_every_valence(valence: int) -> None:
-    assert_agrees(apply_boundary_rule(meshes.to_polygon_mesh(meshes.fan(valence)), smooth_corners=True), 3, valence)
+    assert_agrees(meshes.build(meshes.fan(valence)), 3, valence)
 
 
 @every_mesh
@@ -216,19 +208,11 @@ def test_of_faces_without_area_are_not_nan() -> None:
 ROUNDING = 1e-13
 
 
-def creased(seed: int, *, smooth_corners: bool = True) -> PolygonMesh:
-    data = meshes.with_random_creases(meshes.landscape(9, 8, seed=seed), seed=seed, share=0.1 * (seed + 1))
-    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=smooth_corners)
-
-
-def limits_by_refinement(mesh: PolygonMesh) -> FloatArray:
-    return limit_positions(mesh)[mesh.corner_vertices].reshape(-1, 4, 3)
-
-
 @pytest.mark.parametrize(("seed", "smooth_corners"), combinations(range(6), [True, False]))
 def test_limits_from_rings_are_those_by_refinement(seed: int, smooth_corners: bool) -> None:
-    mesh = creased(seed, smooth_corners=smooth_corners)
+    data = meshes.with_random_creases(meshes.landscape(9, 8, seed=seed), seed=seed, share=0.1 * (seed + 1))
+    mesh = meshes.build(data, smooth_corners=smooth_corners)
     for _ in range(3):
         mesh = subdivide(mesh).mesh
-        expected = limits_by_refinement(mesh)[:, 1:]
+        expected = limit_positions(mesh)[mesh.corner_vertices].reshape(-1, 4, 3)[:, 1:]
         np.testing.assert_allclose(limits_of_new_vertices(mesh, mesh.face_count), expected, rtol=0, atol=ROUNDING)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from itertools import cycle, product
 from math import ceil, log
 from time import process_time
@@ -27,9 +27,9 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 from tests.brute_force import Levels
+from tests.meshes import build
 from tests.proved_bounds import level_bounds
 from tests.thorough import cases
 
@@ -42,17 +42,9 @@ both_vertices = pytest.mark.parametrize("vertices", VERTICES)
 LEVELS = 4
 
 
-def build(data: meshes.MeshData, *, smooth_corners: bool = True) -> PolygonMesh:
-    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=smooth_corners)
-
-
 def pole_mesh(valence: int, bumps: float = 0.1) -> PolygonMesh:
     """A closed mesh of quads with one extraordinary corner each at the most, of valence 3 or ``valence``."""
     return nets.refined(build(meshes.bumpy(meshes.trapezohedron(valence), bumps)), 1)
-
-
-def moved_to(mesh: PolygonMesh, positions: FloatArray) -> PolygonMesh:
-    return replace(mesh, positions=positions)
 
 
 # The published numbers
@@ -63,7 +55,7 @@ def test_printed_examples() -> None:
     for valence, size, depths in ((3, 0.16, [2, 7, 13, 19]), (5, 0.81 * 25 / 18, [7, 14, 21, 28])):
         norms = {face: norm for face, (n, norm) in nets.published_norms(mesh).items() if n == valence}
         for face in sorted(norms)[:6]:
-            scaled = moved_to(mesh, mesh.positions * (size / norms[face]))
+            scaled = mesh.changed(positions=mesh.positions * (size / norms[face]))
             found = [face_depths(scaled, 10.0**-digits, "SECOND_ORDER", "CONTROL") for digits in (1, 2, 3, 4)]
             assert [result.depths[face] for result in found] == depths
 
@@ -155,27 +147,19 @@ def test_every_face_has_a_depth_and_is_no_farther_than_proved(
         # No bound is nearer to what is reached than the allowance for rounding, but where it is the tolerance itself.
         assert np.all(result.bounds >= np.minimum(result.distances + allowance, tolerance))
         assert np.all(result.bounds <= tolerance)
-        if tolerance in (0.5, 0.03):
-            assert_levels_are_near_enough(mesh, distances, result, tolerance, method, vertices)
+        # Every level is near enough where that is proved, and for lasting faces from their depths on.
+        for level in range(LEVELS if tolerance in (0.5, 0.03) else 0):
+            bounds = level_bounds(mesh, tolerance, method, vertices, level)
+            assert np.all((distances[level] <= bounds) & (bounds >= allowance))
+            assert np.all((bounds <= tolerance) | np.isinf(bounds))
+            due = result.lasting & (result.depths <= level)
+            assert np.all(distances[level][due] <= tolerance)
+            assert np.all(np.isfinite(bounds[due | (result.depths == level)]))
         shallow = result.depths < LEVELS
         at_depth = distances[np.minimum(result.depths, LEVELS - 1), faces]
         assert np.all(at_depth[shallow] <= result.bounds[shallow])
         seen += np.count_nonzero(shallow) if tolerance < 1000.0 else 0
     assert seen
-
-
-def assert_levels_are_near_enough(
-    mesh: PolygonMesh, distances: FloatArray, found: DepthResult, tolerance: float, method: str, vertices: str
-) -> None:
-    """Where that is proved, at every level; and lasting faces at every level from their depths on."""
-    for level in range(LEVELS):
-        bounds = level_bounds(mesh, tolerance, method, vertices, level)
-        assert np.all((distances[level] <= bounds) & (bounds >= rounding_allowance(mesh)))
-        assert np.all((bounds <= tolerance) | np.isinf(bounds))
-        assert np.all(np.isfinite(bounds[found.depths == level]))
-        due = found.lasting & (found.depths <= level)
-        assert np.all(distances[level][due] <= tolerance)
-        assert np.all(np.isfinite(bounds[due]))
 
 
 SETTINGS = list(product([0.3, 0.0007], ["SECOND_ORDER", "FIRST_ORDER"], VERTICES))
@@ -228,12 +212,8 @@ def everything() -> meshes.MeshData:
         meshes.fan(5, 3),
         meshes.valence_two(),
     ]
-    whole = parts[0]
-    for number, part in enumerate(parts[1:], 1):
-        shifted = meshes.moved(part, 9.0 * number)
-        vertex_creases = {len(whole.positions) + v: crease for v, crease in part.vertex_creases.items()}
-        whole = replace(meshes.welded(whole, shifted, {}), vertex_creases=whole.vertex_creases | vertex_creases)
-    return whole
+    moved = [meshes.moved(part, 9.0 * number) for number, part in enumerate(parts)]
+    return reduce(lambda whole, part: meshes.welded(whole, part, {}), moved)
 
 
 @cache
@@ -255,11 +235,11 @@ def test_size_place_turn_and_side_do_not_matter(method: str, vertices: str) -> N
     assert len(np.unique(expected.depths)) > 3
     # A power of two changes nothing but the unit, to the last bit.
     for scale in (2.0**-30, 2.0**30):
-        found = face_depths(moved_to(mesh, mesh.positions * scale), TOLERANCE * scale, method, vertices)
+        found = face_depths(mesh.changed(positions=mesh.positions * scale), TOLERANCE * scale, method, vertices)
         np.testing.assert_array_equal(found.depths, expected.depths)
         np.testing.assert_array_equal(found.bounds, scale * expected.bounds)
     turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
-    placed = moved_to(mesh, mesh.positions @ turn + [3.0, -20.0, 7.0])
+    placed = mesh.changed(positions=mesh.positions @ turn + [3.0, -20.0, 7.0])
     # Rounding, and the allowance for it, grow with the distance from the origin.
     found = face_depths(placed, TOLERANCE, method, vertices)
     np.testing.assert_array_equal(found.depths, expected.depths)
@@ -326,7 +306,7 @@ def test_tolerances_that_decide_nothing(method: str) -> None:
     assert np.all(face_depths(mesh, least, method, "CONTROL").bounds <= least)
     with pytest.raises(ToleranceError):
         face_depths(mesh, 0.99 * least, method, "CONTROL")
-    assert smallest_tolerance(moved_to(mesh, 1000 * mesh.positions)) == pytest.approx(1000 * least)
+    assert smallest_tolerance(mesh.changed(positions=1000 * mesh.positions)) == pytest.approx(1000 * least)
 
 
 def test_vertices_without_faces_do_not_count() -> None:

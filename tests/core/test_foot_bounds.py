@@ -19,7 +19,6 @@ from ccdepth_addon.core.distance.leaf_feet import leaf_feet
 from ccdepth_addon.core.distance.middle_distances import middle_distances, rates_of
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.patches import regular_nets
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 from tests.brute_force import SQUARE
 from tests.drawn_levels import largest_around, points_of, sampled
@@ -50,7 +49,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
 
 
 def smooth(data: meshes.MeshData, steps: int) -> PolygonMesh:
-    return nets.refined(apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True), steps)
+    return nets.refined(meshes.build(data), steps)
 
 
 def by_component(net: FloatArray) -> FloatArray:
@@ -274,7 +273,7 @@ def test_nothing_is_proved_where_the_surface_has_no_tangent_plane() -> None:
 @pytest.mark.parametrize("level", [1, 2])
 def test_parts_are_bounded_along_the_diagonal_that_they_are_drawn_with(level: int) -> None:
     """z = k (x - y)² is even along one diagonal, and curved four times as much along the other as along the sides."""
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.grid(9, 9)), smooth_corners=True)
+    mesh = meshes.build(meshes.grid(9, 9))
     x, y, _ = mesh.positions.T
     mesh = mesh.changed(positions=np.column_stack([x, y, 1e-4 * (x - y) ** 2]))
     along = mesh.positions[mesh.corner_vertices.reshape(-1, 4)]

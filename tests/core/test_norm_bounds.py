@@ -50,7 +50,8 @@ from ccdepth_addon.core.surface.patches import (
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 from tests.brute_force import Levels, quad_places
-from tests.core.test_face_depths import QUADS, both_vertices, build
+from tests.core.test_face_depths import QUADS, both_vertices
+from tests.meshes import build
 
 # Distances are sampled at steps of 2⁻³, of unrefined facets at 2⁻⁴.
 SAMPLES = 3
@@ -99,11 +100,6 @@ def worst_of(functionals: FloatArray, differences: FloatArray) -> tuple[float, F
         if -scale * solution.fun > found:
             found, net = -scale * solution.fun, solution.x
     return found, net
-
-
-def largest_of(functionals: FloatArray, differences: FloatArray) -> float:
-    """The largest value over many functionals, (…, D)."""
-    return worst_of(functionals, differences)[0]
 
 
 # Stencils: rows of weights over the points of a net
@@ -173,7 +169,7 @@ def test_facets_lie_within_the_second_order_distance(valence: int, vertices: str
     """The least factors for a control facet are 3/8 at valence 3, and 1/3 elsewhere as on regular patches."""
     bounds = bounds_of("SECOND_ORDER", valence, 1, vertices)
     differences = nets.difference_matrix(valence)
-    found = [largest_of(distance_stencils(valence, level, vertices), differences) for level in range(3)]
+    found = [worst_of(distance_stencils(valence, level, vertices), differences)[0] for level in range(3)]
     for level in range(3):
         assert found[level] <= bounds.at(level)[0] + PROGRAM_TOLERANCE
         assert bounds.at(level)[0] == pytest.approx(bounds.at(0)[0] * published_rate(valence) ** level)
@@ -190,7 +186,7 @@ def test_facets_lie_within_the_second_order_distance(valence: int, vertices: str
 def test_corners_go_no_farther_than_the_limit_displacement(valence: int) -> None:
     mesh = nets.net_mesh(np.eye(2 * valence + 8))
     corners = mesh.corner_vertices[:4]
-    found = largest_of(limit_positions(mesh)[corners] - mesh.positions[corners], nets.difference_matrix(valence))
+    found = worst_of(limit_positions(mesh)[corners] - mesh.positions[corners], nets.difference_matrix(valence))[0]
     # At valence 3 it is the extraordinary corner, elsewhere a regular one, that goes farthest.
     assert found == pytest.approx(limit_displacement(valence), abs=PROGRAM_TOLERANCE)
 
@@ -202,7 +198,7 @@ def test_regular_facets_reach_their_distance_and_no_more(vertices: str, level: i
     # The 16 differences of a 4×4 net over Stam's numbers of valence 4.
     net = regular_nets(nets.net_mesh(np.eye(16)), np.array([0]))[:, :, 0]
     differences = np.stack([2 * net[a] - net[b] - net[c] for a, b, c in nets.listed_regular_differences()])
-    found = largest_of(distance_stencils(4, level, vertices), differences)
+    found = worst_of(distance_stencils(4, level, vertices), differences)[0]
     assert 0.74 * factor <= found <= factor + PROGRAM_TOLERANCE
     assert bounds_of("SECOND_ORDER", 4, 1, vertices).at(level)[0] == pytest.approx(factor)
 
@@ -215,10 +211,10 @@ def test_first_order_norm_shrinks_as_derived(valence: int) -> None:
     edges = nets.edge_matrix(valence)
     extraordinary, regular = level_one(valence)
     rate = first_order_rate(valence)
-    assert largest_of(edges @ extraordinary, edges) <= rate + PROGRAM_TOLERANCE
+    assert worst_of(edges @ extraordinary, edges)[0] <= rate + PROGRAM_TOLERANCE
     along_i = (regular[1:] - regular[:-1]).reshape(-1, regular.shape[-1])
     along_j = (regular[:, 1:] - regular[:, :-1]).reshape(-1, regular.shape[-1])
-    assert largest_of(np.concatenate([along_i, along_j]), edges) <= rate + PROGRAM_TOLERANCE
+    assert worst_of(np.concatenate([along_i, along_j]), edges)[0] <= rate + PROGRAM_TOLERANCE
 
 
 @pytest.mark.parametrize("valence", [3, 4, 5, 6, 8, 12, 32])
@@ -226,7 +222,7 @@ def test_first_order_norm_shrinks_as_derived(valence: int) -> None:
 def test_facets_lie_within_the_first_order_distance(valence: int, vertices: str) -> None:
     bounds = bounds_of("FIRST_ORDER", valence, 1, vertices)
     for level in range(3 if valence == 4 else 2):
-        found = largest_of(distance_stencils(valence, level, vertices), nets.edge_matrix(valence))
+        found = worst_of(distance_stencils(valence, level, vertices), nets.edge_matrix(valence))[0]
         assert found <= bounds.at(level)[0] + PROGRAM_TOLERANCE
 
 
@@ -323,7 +319,7 @@ def test_faces_on_grids_stay_within_the_bound_of_their_nets(seed: int, vertices:
 @pytest.mark.parametrize("valence", [3, 5, 8, 17, 64])
 def test_tabled_rates_are_the_least(valence: int) -> None:
     differences = nets.difference_matrix(valence)
-    growth = largest_of(differences @ steps(valence, PERIOD), differences)
+    growth = worst_of(differences @ steps(valence, PERIOD), differences)[0]
     assert growth <= RATES[valence] * (1 + PROGRAM_TOLERANCE)
     assert RATES[valence] == pytest.approx(growth, rel=2e-4)
 
@@ -385,17 +381,13 @@ SUM_ROUNDING = 1e-14
 some_valences = pytest.mark.parametrize("valence", [3, 5, 6, 7, 8, 12, 64])
 
 
-def random_net(*shape: int) -> FloatArray:
-    return np.random.default_rng(sum(shape)).normal(size=shape)
-
-
 def longest(vectors: list[FloatArray]) -> FloatArray:
     """(P,): of several (P, 3) vectors."""
     return np.max([np.sqrt(x * x + y * y + z * z) for x, y, z in (vector.T for vector in vectors)], axis=0)
 
 
 def test_norms_of_regular_nets() -> None:
-    v = random_net(4, 4, 50, 3)
+    v = np.random.default_rng(61).normal(size=(4, 4, 50, 3))
     listed = nets.listed_regular_differences()
     assert len(set(listed)) == 16
     second = longest([2 * v[a] - v[b] - v[c] for a, b, c in listed])
@@ -407,7 +399,7 @@ def test_norms_of_regular_nets() -> None:
 
 @some_valences
 def test_norms_of_extraordinary_nets(valence: int) -> None:
-    net = random_net(2 * valence + 8, 20, 3)
+    net = np.random.default_rng(valence).normal(size=(2 * valence + 8, 20, 3))
     listed, edges = nets.listed_differences(valence), nets.net_edges(valence)
     second = longest([2 * net[a - 1] - net[b - 1] - net[c - 1] for a, b, c in listed])
     np.testing.assert_allclose(second_order_norm_extraordinary(net), second, rtol=SUM_ROUNDING)

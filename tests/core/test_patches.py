@@ -15,12 +15,9 @@ from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, regular_nets
 from tests import meshes, nets
 from tests.brute_force import quad_places
-from tests.core.test_face_depths import build
+from tests.meshes import build
 
 ROUNDING = 1e-13
-
-
-# Which kind
 
 
 MIDDLE, AT_MIDDLE, AT_EDGE = 24, [14, 15, 20, 21], [14, 15, 16, 20, 21, 22]

@@ -42,9 +42,6 @@ def assert_near(drawn: FloatArray, other: FloatArray, thickness: float) -> None:
     assert loops.farthest(other.reshape(-1, 3), drawn) <= thickness
 
 
-# Whether it is a region
-
-
 @often
 @given(seed=seeds, size=st.integers(3, 9), **shapes)
 @example(seed=5704, size=3, unevenness=0.2, height=1.0, bent_share=0.4)
@@ -78,18 +75,10 @@ def test_convex_polygons_are_regions(seed: int, size: int, unevenness: float, he
     """Plain ones that turn left everywhere and go round once; all others are refused."""
     loop = loops.random_loop(seed, size, unevenness, height, bent_share=0.0)
     thickness, normal = loop.thickness()
-    turns = loops.convex_corners(loop.vertices, normal)
-    convex = bool(np.all(turns)) and loops.is_simple(loop.vertices, normal)
+    flat = loops.seen_along(loop.vertices, normal)
+    around = np.stack([np.roll(flat, 1, axis=0), flat, np.roll(flat, -1, axis=0)], axis=1)
+    convex = all(loops.doubled_area(corner) > 0 for corner in around) and loops.is_simple(loop.vertices, normal)
     assert np.isfinite(thickness) == convex
-
-
-def turned(points: FloatArray) -> FloatArray:
-    """Somewhere else, and at a slant."""
-    turn, _ = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))
-    return points @ turn + [3.0, -2.0, 1.0]
-
-
-# How thick
 
 
 @given(seed=seeds, size=st.integers(3, 7), **shapes)
@@ -104,9 +93,6 @@ def test_no_way_to_draw_it_is_farther_from_the_fan_than_it_is_thick(
         allowed = thickness + loops.twist_error(loop.facets) + ROUNDING
         for way in loops.drawn_ways(loop.vertices, normal, WAYS):
             assert_near(loop.vertices[np.array(way)], fan, allowed)
-
-
-# Triangles and quads with split sides
 
 
 @twice
@@ -133,15 +119,12 @@ def test_templates_of_triangles_face_the_normal(seed: int, unevenness: float, he
             assert_near(loop.vertices[np.array(way)], template, thickness + ROUNDING)
 
 
-PATTERNS = list(range(WHOLE, ALL_SPLIT))
-
-
 @twice
 @given(
     seed=seeds,
     unevenness=st.sampled_from([0.0, 0.1, 0.3, 0.6]),
     height=st.sampled_from([0.0, 0.1, 0.5]),
-    pattern=st.sampled_from(PATTERNS),
+    pattern=st.sampled_from(range(WHOLE, ALL_SPLIT)),
 )
 @example(seed=400, unevenness=0.6, height=0.1, pattern=12)  # A region, but a triangle of its template is turned over.
 def test_quads_with_split_sides_are_as_near_to_their_template_as_they_are_thick(
@@ -263,11 +246,9 @@ def test_a_stretched_polygon_far_from_its_origin_is_not_compared_along_blender_s
     angles = np.linspace(0, 2 * np.pi, 7)[:-1]
     flat = np.stack([np.cos(angles), np.sin(angles), 1e-3 * (-1.0) ** np.arange(6)], axis=1)
     axes = np.diag([1.0, 346.0, 1.0])
-    corners = flat @ axes
-    middles, centroids = (corners + np.roll(corners, -1, axis=0)) / 2, np.tile(corners.mean(axis=0), (6, 1))
+    loop = loops.plain(flat @ axes)
     # A dent, which only the line that Blender looks along makes good for.
-    middles[0] += 0.1 * (centroids[0] - middles[0])
-    facets = np.stack([corners, middles, centroids, np.roll(middles, 1, axis=0)])
-    given = facets, np.arange(6) == 0, np.array([0]), axes
+    loop.middles[0] += 0.1 * (loop.corners.mean(axis=0) - loop.middles[0])
+    given = loop.facets, np.arange(6) == 0, np.array([0]), axes
     near, far = (polygon_thickness(*given, largest=largest)[0] for largest in (0.0, 370.0))
     assert near < 0.1 * far

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccdepth_addon.core import Reduction, TriangleMesh, apply_boundary_rule, measure_deviation
+from ccdepth_addon.core import Reduction, TriangleMesh, measure_deviation
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.deviation.triangles import Triangles
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
@@ -22,7 +22,7 @@ LIMIT = 0.02
 
 @cache
 def control() -> PolygonMesh:
-    return apply_boundary_rule(meshes.to_polygon_mesh(meshes.torus(9, 6)), smooth_corners=True)
+    return meshes.build(meshes.torus(9, 6))
 
 
 @cache
@@ -40,14 +40,10 @@ def moved(mesh: TriangleMesh, chosen: np.ndarray, by: float) -> TriangleMesh:
     return TriangleMesh(positions, mesh.corners)
 
 
-def nothing() -> None:
-    """For work that is not stopped."""
-
-
 def sampled(fine: TriangleMesh, coarse: TriangleMesh) -> FloatArray:
-    triangles = Triangles.of(coarse.positions, coarse.corners, nothing)
-    return SampledDistances(fine.positions, fine.corners, nothing).of(
-        triangles, coarse.positions, coarse.corners, nothing
+    triangles = Triangles.of(coarse.positions, coarse.corners, lambda: None)
+    return SampledDistances(fine.positions, fine.corners, lambda: None).of(
+        triangles, coarse.positions, coarse.corners, lambda: None
     )
 
 
@@ -120,14 +116,11 @@ def test_nothing_is_proved_where_nothing_is_within_the_limit() -> None:
 
 
 def test_a_search_can_be_stopped() -> None:
-    class Stopped(Exception):
-        pass
+    def stop(fraction: float) -> None:
+        raise LookupError(fraction)
 
-    def stop(_: float) -> None:
-        raise Stopped
-
-    with pytest.raises(Stopped):
+    with pytest.raises(LookupError):
         Reduction(control(), at_level(3), LIMIT, stop)
     search = Reduction(control(), at_level(3), LIMIT, no_report)
-    with pytest.raises(Stopped):
+    with pytest.raises(LookupError):
         search.judge(at_level(2), stop)

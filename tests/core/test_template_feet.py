@@ -18,13 +18,11 @@ from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode, Transitio
 from ccdepth_addon.core.adaptive.template_feet import template_feet
 from ccdepth_addon.core.adaptive.templates import QUAD_POINTS, TRIANGLE_COUNTS, TRIANGLES
 from ccdepth_addon.core.adaptive.tessellation import TessellationPlan, tessellate
-from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
-from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.bicubic import NET_TO_BERNSTEIN
 from tests import meshes, soundness
 from tests.core.test_foot_bounds import MESHES, derivative, nets_of, smooth
-from tests.drawn_levels import points_of, refined
+from tests.drawn_levels import points_of, surface
 from tests.thorough import each
 from tests.triangle_distances import distances
 
@@ -39,15 +37,8 @@ BASIS = np.kron(CUBICS, CUBICS)
 
 def planned(mesh: PolygonMesh, part: float) -> tuple[Plan, TessellationPlan]:
     """For a part of the mesh's diagonal."""
-    limit = part * float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+    limit = part * meshes.diagonal(mesh)
     return plan_within(mesh, AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, 100_000), lambda _: None)
-
-
-def surface(mesh: PolygonMesh) -> tuple[FloatArray, IndexArray, float]:
-    """Fine triangles on it, and how far those a level before are off them: about four times as far as the surface."""
-    coarse = refined(mesh, FINE - 1)
-    positions, triangles, _ = coarse.refined().drawn(Vertices.LIMIT)
-    return positions, triangles, float(distances(positions, *coarse.drawn(Vertices.LIMIT)[:2]).max())
 
 
 def assert_both_ways(mesh: PolygonMesh, plan: Plan, tessellation: TessellationPlan) -> float:
@@ -57,7 +48,7 @@ def assert_both_ways(mesh: PolygonMesh, plan: Plan, tessellation: TessellationPl
     made = tessellate(tessellation, plan.positions.in_space_of(mesh.positions, tessellation.used))
     triangles, sizes = soundness.drawn(made), soundness.sizes(made)
     owners = np.concatenate([tessellation.drawn, tessellation.drawn[sizes > 3]])
-    fine, fine_triangles, step = surface(mesh)
+    fine, fine_triangles, _, step = surface(mesh, FINE)
     points = points_of(made.positions[triangles], 3)
     there = distances(points.reshape(-1, 3), fine, fine_triangles).reshape(len(points), -1).max(axis=1)
     bounds = plan.bounds(leaves)

@@ -14,7 +14,6 @@ from ccdepth_addon.core.deviation import measure_deviation
 from ccdepth_addon.core.deviation.findings import TOO_LONG
 from ccdepth_addon.core.deviation.triangles import NEEDLE, distance_slack, to_triangles
 from tests import meshes
-from tests.core.test_deviation import control_of
 
 Exact = list[Fraction]
 
@@ -72,7 +71,8 @@ def test_distances_are_not_too_long(seed: int) -> None:
             assert distance * (1 - TOO_LONG) - allowed <= true + ROUNDINGS * max(1.0, np.abs(triangle).max())
 
 
-def square_with_thin_triangles(seed: int) -> tuple[meshes.MeshData, np.ndarray, np.ndarray]:
+@given(st.integers(0, 2**32))
+def test_nothing_is_reached_where_nothing_is_off(seed: int) -> None:
     """A flat square, turned, and six triangles that cover it."""
     random = np.random.default_rng(seed)
     low, high = NEEDLE * random.uniform(1, 2) * np.array([1, 1 + 10 ** random.uniform(0, 1)])
@@ -82,10 +82,5 @@ def square_with_thin_triangles(seed: int) -> tuple[meshes.MeshData, np.ndarray, 
     square = meshes.from_faces(points[:4], [[0, 1, 2, 3]])
     edges = {(0, 1): 1.0, (1, 2): 1.0, (2, 3): 1.0, (0, 3): 1.0}
     square = meshes.creased(square, edges, dict.fromkeys(range(4), 1.0))
-    return square, points, np.array([[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 3, 5], [3, 0, 5], [0, 4, 5]])
-
-
-@given(st.integers(0, 2**32))
-def test_nothing_is_reached_where_nothing_is_off(seed: int) -> None:
-    square, points, triangles = square_with_thin_triangles(seed)
-    assert measure_deviation(control_of(square), points, triangles, max_pieces=2000).reached <= ROUNDINGS
+    triangles = np.array([[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 3, 5], [3, 0, 5], [0, 4, 5]])
+    assert measure_deviation(meshes.build(square), points, triangles, max_pieces=2000).reached <= ROUNDINGS

@@ -13,7 +13,6 @@ import pytest
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.face_depths import (
-    METHODS,
     DepthResult,
     ToleranceError,
     check_pose,
@@ -27,7 +26,8 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from tests import meshes
 from tests.brute_force import Levels
-from tests.core.test_face_depths import EQUAL_METHODS, LEVELS, both_vertices, build, every_method, sampled
+from tests.core.test_face_depths import EQUAL_METHODS, LEVELS, both_vertices, every_method, sampled
+from tests.meshes import build
 from tests.proved_bounds import level_bounds
 from tests.thorough import combinations
 
@@ -60,11 +60,6 @@ EPSILON = 1.1
 
 
 @cache
-def torus_counter_example() -> PolygonMesh:
-    return build(meshes.torus_with_a_late_face())
-
-
-@cache
 def grid_counter_example() -> PolygonMesh:
     """3 × 3 faces. The middle one is near enough at levels 0 and 3, and not between."""
     flat = meshes.grid(3, 3)
@@ -76,7 +71,7 @@ def grid_counter_example() -> PolygonMesh:
 
 def test_the_deepest_depth_is_not_enough_for_all_faces() -> None:
     """On a torus a face of depth 0 is off at level 1, which is the deepest depth: level 2 it has to be."""
-    mesh = torus_counter_example()
+    mesh = build(meshes.torus_with_a_late_face())
     levels = Levels(mesh)
     distances = [levels.distances(level, "LIMIT", 4) for level in range(3)]
     assert distances[0][12] <= EPSILON < 1.1 * EPSILON < distances[1][12]
@@ -108,7 +103,7 @@ def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
 @every_method
 @both_vertices
 def test_progress_rises_over_several_levels(method: str, vertices: str) -> None:
-    for mesh in (torus_counter_example(), build(meshes.AWKWARD["soup"](), smooth_corners=False)):
+    for mesh in (build(meshes.torus_with_a_late_face()), build(meshes.AWKWARD["soup"](), smooth_corners=False)):
         depths = face_depths(mesh, EPSILON, method, vertices).depths
         fractions: list[float] = []
         uniform_level(mesh, EPSILON, method, vertices, depths, progress=fractions.append)
@@ -123,11 +118,6 @@ def test_limit_vertices_take_a_level_at_least() -> None:
     """A modifier at level 0 moves nothing to the limit surface."""
     mesh = build(meshes.grid(3, 3), smooth_corners=False)
     assert [uniform_level(mesh, 0.1, "CERTIFIED", vertices) for vertices in ("CONTROL", "LIMIT")] == [0, 1]
-
-
-def test_bad_tolerances_are_refused() -> None:
-    with pytest.raises(ToleranceError):
-        level_bounds(build(meshes.cube()), 1e-12, METHODS[0], "CONTROL", 1)
 
 
 # What Use Limit Surface needs
