@@ -123,16 +123,11 @@ def test_built_in_values_are_those_of_the_modifier(comparison: Comparison) -> No
     own, blenders = (np.array([e.use_seam for e in each.edges]) for each in (comparison.mesh, comparison.blenders))
     np.testing.assert_array_equal(own, blenders[comparison.edges])
     assert 0 < np.count_nonzero(own) < len(own)
-
-
-def test_sharp_edges_are_those_of_the_modifier_and_full_creases(comparison: Comparison) -> None:
+    # Sharp edges are full creases as well, and creases of vertices stay at these alone.
     own, blenders = comparison.pair("sharp_edge")
     creased = read(comparison.mesh, "crease_edge") == 1
     np.testing.assert_array_equal(own, blenders | creased)
     assert np.any(creased & ~blenders)
-
-
-def test_vertex_creases_stay_at_their_vertices(comparison: Comparison) -> None:
     own = read(comparison.mesh, "crease_vert")[:, 0]
     base = comparison.subdivided.base_vertices
     expected = read(comparison.base, "crease_vert")[:, 0]
@@ -140,13 +135,15 @@ def test_vertex_creases_stay_at_their_vertices(comparison: Comparison) -> None:
     assert own.max() > 0
 
 
-def test_active_and_rendered_layers_stay(comparison: Comparison) -> None:
+def test_active_and_rendered_layers_materials_and_settings_stay(comparison: Comparison) -> None:
     mesh = comparison.mesh
     assert [layer.name for layer in mesh.uv_layers] == ["First", "Second"]
     assert mesh.uv_layers.active.name == "Second"
     assert [layer.active_render for layer in mesh.uv_layers] == [False, True]
     assert mesh.attributes.active_color_name == "CORNER BYTE_COLOR"
     assert mesh.attributes.default_color_name == "POINT FLOAT_COLOR"
+    assert [material.name for material in mesh.materials] == ["Red", "Green", "Blue"]
+    assert (mesh["custom"], mesh.use_mirror_x, mesh.remesh_voxel_size) == (12.5, True, 0.125)
 
 
 @pytest.mark.parametrize("uv_smooth", UV_SMOOTH)
@@ -312,12 +309,6 @@ def test_the_new_mesh_is_sound(comparison: Comparison) -> None:
     np.testing.assert_array_equal(np.sort(comparison.vertices), np.arange(len(mesh.vertices)))
     np.testing.assert_array_equal(np.sort(comparison.edges), np.arange(len(mesh.edges)))
     assert len(bpy.data.objects) == 1
-
-
-def test_materials_and_settings_stay(comparison: Comparison) -> None:
-    mesh = comparison.mesh
-    assert [material.name for material in mesh.materials] == ["Red", "Green", "Blue"]
-    assert (mesh["custom"], mesh.use_mirror_x, mesh.remesh_voxel_size) == (12.5, True, 0.125)
 
 
 def test_hidden_and_selected_parts_stay_whole() -> None:

@@ -110,11 +110,6 @@ def test_select(editing: bool) -> None:
     assert_equal(selected({"depth": 0, "comparison": "AT_LEAST"}), visible)
 
 
-def test_select_needs_a_result() -> None:
-    addon.select(scene.add_suzanne())
-    refuses("select", "Compute Depth first", depth=1)
-
-
 @pytest.mark.parametrize("name", [".select_vert", ".select_edge", ".select_poly"])
 def test_attribute_where_blender_keeps_the_selection(name: str) -> None:
     """It is named and kept: Blender itself crashes when a selection is written over it."""
@@ -278,6 +273,7 @@ def state() -> snapshot.Snapshot:
 
 @pytest.mark.parametrize("case", CASES)
 def test_it_is_undone_and_redone(case: str) -> None:
+    assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options
     prepare, operator, settings = CASES[case]
     assert getattr(bpy.types, f"CCDEPTH_OT_{operator}").bl_options >= {"REGISTER", "UNDO"}
     prepare()
@@ -299,7 +295,3 @@ def test_it_is_undone_and_redone(case: str) -> None:
     assert snapshot.differences(after, state()) == []
     if bpy.context.mode == "EDIT_MESH":
         bpy.ops.object.mode_set(mode="OBJECT")
-
-
-def test_counting_faces_is_no_step_of_undo() -> None:
-    assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options

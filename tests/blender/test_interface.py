@@ -130,7 +130,7 @@ def test_it_says_when_results_are_out_of_date() -> None:
     assert shown_legend().alert == "Out of date: 3 of 3"
 
 
-def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance() -> None:
+def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance_or_in_parts_of_several_tolerances() -> None:
     settings = bpy.context.scene.ccdepth
     [result] = subdivide(scene.add_object(meshes.cube()), tolerance=0.03)
     record = result.data.ccdepth
@@ -146,9 +146,8 @@ def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance() -> None:
     assert marks[-1].number == "0.01"
     assert legend.has_beyond
     assert not any(mark.note for mark in marks)
-
-
-def test_tolerances_that_differ_are_told_in_parts() -> None:
+    # Tolerances that differ are told in parts.
+    settings.distance_range = "TOLERANCE"
     sources = [scene.add_object(meshes.landscape(3, 3)), scene.add_object(meshes.cube(), "Cube")]
     addon.select(*subdivide(*sources, tolerance_mode="RELATIVE", tolerance=0.01))
     legend = shown_legend()
@@ -299,16 +298,11 @@ def test_lengths() -> None:
         assert {length: lengths.length_text(bpy.context.scene, length) for length in texts} == texts
 
 
-def test_rounding_keeps_a_bound_a_bound() -> None:
-    texts = [
-        lengths.length_text(bpy.context.scene, length, rounding)
-        for length in (0.12340001, 0.12349999, 0.99999)
-        for rounding in (lengths.Rounding.UP, lengths.Rounding.DOWN)
-    ]
-    assert texts == ["0.1235 m", "0.1234 m", "0.1235 m", "0.1234 m", "1 m", "0.9999 m"]
-
-
-def test_a_bound_within_the_tolerance_is_written_within_it() -> None:
+def test_a_bound_stays_one_and_is_written_within_the_tolerance_that_it_is_within() -> None:
+    for length, up, down in ((0.12340001, "0.1235 m", "0.1234 m"), (0.12349999, "0.1235 m", "0.1234 m"),
+                             (0.99999, "1 m", "0.9999 m")):  # fmt: skip
+        assert lengths.length_text(bpy.context.scene, length, lengths.Rounding.UP) == up
+        assert lengths.length_text(bpy.context.scene, length, lengths.Rounding.DOWN) == down
     set_units("METRIC")
     for bound, tolerance, text in (
         # Rounded up it would seem to exceed the tolerance, which is rounded to the nearest.
@@ -335,9 +329,7 @@ def test_neighbours_share_a_unit_that_serves_them_all() -> None:
         for order in (1, -1):
             unit = lengths.common_unit(bpy.context.scene, shown[::order])
             assert [lengths.length_text(bpy.context.scene, each, unit=unit) for each in shown] == texts
-
-
-def test_a_range_of_lengths_has_one_unit_where_one_serves() -> None:
+    # So do the ends of a range.
     for found, system, text in (
         ([0.00364, 0.00346], "METRIC", "0.00346–0.00364 m"),
         ([0.00364, 0.00364], "METRIC", "0.00364 m"),

@@ -247,6 +247,9 @@ REFUSALS: dict[str, Refusal] = {
     "every object that shows nothing": Refusal(
         lambda: [empty("First"), empty("Second"), cube()], "(?s)First: .*Second: ", MEASURE
     ),
+    "no faces to look at": Refusal(empty, "Empty: the mesh has no faces", ("select_invalid",)),
+    "no depths": Refusal(cube, "Compute Depth first", ("select",), {"depth": 1}),
+    **{f"chosen tolerance {x}": Refusal(cube, "tolerance", ("use_tolerance",), {"tolerance": x}) for x in (0.0, NAN)},
     "no measurement": Refusal(cube, "Measure Deviation first", ("select_worst",)),
     "edited since": Refusal(edited_since, "the mesh has changed; measure it again", ("select_worst",)),
 }  # fmt: skip
@@ -289,13 +292,10 @@ def test_an_object_that_could_not_be_edited_again_stays_in_edit_mode() -> None:
 # What is no fault
 
 
-def test_other_objects_among_the_selected_are_skipped() -> None:
+def test_other_objects_among_the_selected_and_a_loose_vertex_nowhere_do_not_matter() -> None:
     light, holder = scene.add_light(), cube()
     addon.compute(holder, light)
     assert holder.data.ccdepth.has_result
-
-
-def test_a_loose_vertex_nowhere_does_not_matter() -> None:
     data = meshes.cube()
     positions = np.concatenate([data.positions, [[NAN, 0.0, 0.0]]])
     holder = scene.add_object(meshes.MeshData(positions, data.face_sizes, data.corner_vertices))
@@ -385,13 +385,6 @@ def mask_all_but(holder: bpy.types.Object, face: int) -> None:
     holder.modifiers.new("Mask", "MASK").vertex_group = f"Face {face}"
 
 
-def test_faces_that_lose_an_edge_to_a_modifier_are_named() -> None:
-    """Blender takes away the edge that the repeated vertex had."""
-    holder = with_repeated_vertices(0)
-    mask_all_but(holder, 0)
-    compute_refused("1 face with a repeated vertex", holder)
-
-
 def test_selects_what_is_invalid_in_any_object_of_a_mesh() -> None:
     """Of each all faces but one are masked."""
     first = scene.add_object(meshes.landscape(4, 3))
@@ -404,12 +397,16 @@ def test_selects_what_is_invalid_in_any_object_of_a_mesh() -> None:
     assert selected(first) == [0, 11]
 
 
-def test_faces_that_modifiers_repeat() -> None:
+def test_faces_that_modifiers_repeat_and_those_that_lose_an_edge_to_one() -> None:
+    """Blender takes away the edge that the repeated vertex had."""
     holder = with_repeated_vertices(3)
     holder.modifiers.new("Array", "ARRAY").count = 3
     compute_refused("3 faces with a repeated vertex", holder)
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
     assert selected(holder) == [3]
+    masked = with_repeated_vertices(0)
+    mask_all_but(masked, 0)
+    compute_refused("1 face with a repeated vertex", masked)
 
 
 def test_hidden_faces_stay_hidden() -> None:
@@ -431,11 +428,6 @@ def test_nothing_is_invalid() -> None:
     for operator in (bpy.ops.ccdepth.select_invalid, bpy.ops.ccdepth.repair):
         assert operator() == {"CANCELLED"}
         assert selected(holder) == before
-
-
-def test_meshes_without_faces_are_named() -> None:
-    addon.select(scene.add_mesh(bpy.data.meshes.new("Empty")))
-    refuses("select_invalid", "Empty: the mesh has no faces")
 
 
 def test_corners_at_no_vertex_are_refused() -> None:
@@ -468,8 +460,5 @@ def test_repaired_meshes_are_accepted_and_keep_their_attributes() -> None:
     # Blender takes one of two equal faces for a fault; meshes without one of ours stay as they are.
     assert len(good.data.polygons) == 2
     addon.compute(holder, good)
-
-
-def test_repair_works_in_object_mode() -> None:
     with addon.edit_mode(with_repeated_vertices(2)), pytest.raises(RuntimeError, match="Object Mode"):
         bpy.ops.ccdepth.repair()

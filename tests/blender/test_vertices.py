@@ -26,7 +26,7 @@ from tests.blender.updating import move_vertex, set_scene, stale_line, update
 
 pytestmark = pytest.mark.every_blender
 
-# ``make.py`` beside it says how it was made.
+# What is in it, and how it was made, is told beside it.
 OLD_FILE = Path(__file__).with_name("saved_by_308a89a") / "depths.blend"
 OLD_METHODS = ("CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER")
 
@@ -213,14 +213,10 @@ def test_reports_say_which_vertices_each_object_has(
 # Files of 308a89a
 
 
-# ``make.py`` beside it says how it was made.
-OLD_RESULTS = Path(__file__).with_name("saved_by_308a89a") / "results.blend"
-
-
 @pytest.fixture
 def opened(tmp_path: Path) -> Iterator[dict[str, bpy.types.Object]]:
     """The objects of the file, opened from a copy, by name."""
-    bpy.ops.wm.open_mainfile(filepath=str(shutil.copy(OLD_RESULTS, tmp_path)))
+    bpy.ops.wm.open_mainfile(filepath=str(shutil.copy(OLD_FILE.with_name("results.blend"), tmp_path)))
     yield dict(bpy.data.objects)
     bpy.ops.wm.read_homefile(use_empty=True)
 
