@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`scripts/supervise_tests.py`: what hangs is ended and named, what fails fails, and the rest of a run goes on."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

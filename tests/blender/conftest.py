@@ -1,17 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Every test starts with Blender's own startup file, and with the add-on registered, installed or from the checkout."""
 
-from __future__ import annotations
-
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import Any
 
 import bpy
 import pytest
-
-if TYPE_CHECKING:
-    from tests.blender.full_mesh import Comparison
 
 if not hasattr(bpy.types.Scene, "ccdepth"):
     import ccdepth_addon
@@ -52,7 +47,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture
-def comparison() -> Comparison:
+def comparison() -> Any:
     """A mesh with everything, subdivided by the add-on and by the modifier."""
     # Only now is the add-on registered.
     from tests.blender.full_mesh import compare, everything

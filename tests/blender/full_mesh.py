@@ -5,8 +5,6 @@ The subdivision is the uniform one at the modifier's level. Blender's vertices, 
 by the number of their base face, and by parameters on its corners.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -5,8 +5,6 @@ Each face of the base mesh carries its number, and its corners parameters (as UV
 that a point of one level finds its counterpart in another: the one of the same face at the same parameters.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import bpy

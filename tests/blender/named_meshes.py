@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Meshes with every kind of face, by name: those that depths and adaptive meshes are measured on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from tests import meshes

@@ -5,8 +5,6 @@ A step takes a random generator and looks for what it can work on. Where there i
 one of ``REFUSALS`` and whoever runs it goes on. So any step can be left out, and the others still do what they did.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Callable

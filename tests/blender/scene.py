@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blender objects for tests, made and read through bpy.data alone, without the add-on's own reading code."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import bpy

@@ -5,8 +5,6 @@ and again after Clear.
 A snapshot maps paths to values: ``("meshes", "Cube", "attribute", "UVMap")`` to its type, domain and bytes.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

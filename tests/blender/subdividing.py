@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apply Adaptive Subdivision called in tests, and what it must leave as it is."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

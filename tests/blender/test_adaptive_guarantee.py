@@ -13,8 +13,6 @@ A facet of the deep level misses the surface by no more than the one before it d
 level's vertices: the next step always takes some of it away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -2,11 +2,8 @@
 """Apply Adaptive Subdivision on selected objects: where the adaptive mesh goes and what it is, modifiers and Edit Mode;
 of many objects, and of objects that are scaled unevenly."""
 
-from __future__ import annotations
-
 import gc
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from itertools import islice, product
 
@@ -242,7 +239,9 @@ def test_the_result_can_take_the_place_of_the_mesh_with_what_modifiers_make() ->
     assert 0 < len(weighted) < len(result.data.vertices)
 
 
-def test_shape_keys_stay_and_their_mix_is_measured(capfd: pytest.CaptureFixture[str]) -> None:
+def test_shape_keys_stay_unless_modifiers_are_applied_with_them_and_their_mix_is_measured(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     holder, long = hills(), hills()
     for point in scene.add_key(holder, "Long", 1.0).points:
         point.co.z *= 3.0
@@ -258,11 +257,6 @@ def test_shape_keys_stay_and_their_mix_is_measured(capfd: pytest.CaptureFixture[
     holder.data.shape_keys.key_blocks["Long"].vertex_group = "Group"
     subdivide(holder, tolerance=ROUGH)
     assert warning in capfd.readouterr().out
-
-
-def test_shape_keys_are_applied_with_modifiers_and_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
-    holder = hills()
-    scene.add_key(holder, value=0.5)
     holder.modifiers.new("Bend", "SIMPLE_DEFORM")
     [result] = subdivide(holder, tolerance=ROUGH)
     assert result.data.shape_keys is None
@@ -382,22 +376,6 @@ def many() -> list[bpy.types.Object]:
     return objects
 
 
-@contextmanager
-def counted_evaluations() -> Iterator[list[int]]:
-    """Counts how often Blender evaluates a scene with objects in it: each time takes as long as there are objects."""
-    evaluations: list[int] = []
-
-    def count(evaluated: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-        if evaluated.objects:
-            evaluations.append(len(depsgraph.updates))
-
-    bpy.app.handlers.depsgraph_update_post.append(count)
-    try:
-        yield evaluations
-    finally:
-        bpy.app.handlers.depsgraph_update_post.remove(count)
-
-
 @pytest.mark.parametrize(("operator", "tolerance"), [("compute", 0.1), ("subdivide", 0.3)])
 def test_the_scene_is_evaluated_a_few_times_and_each_has_its_own_result(
     operator: str, tolerance: float, monkeypatch: pytest.MonkeyPatch
@@ -407,8 +385,18 @@ def test_the_scene_is_evaluated_a_few_times_and_each_has_its_own_result(
     other = objects[3 * COUNT - 1]
     other.modifiers["Bevel"].segments = 4
     addon.select(*objects)
-    with counted_evaluations() as evaluations:
+    # Each evaluation of a scene with objects in it takes as long as there are objects.
+    evaluations: list[int] = []
+
+    def count(evaluated: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+        if evaluated.objects:
+            evaluations.append(len(depsgraph.updates))
+
+    bpy.app.handlers.depsgraph_update_post.append(count)
+    try:
         assert getattr(bpy.ops.ccdepth, operator)(tolerance=tolerance) == {"FINISHED"}
+    finally:
+        bpy.app.handlers.depsgraph_update_post.remove(count)
     assert len(evaluations) <= OTHER_EVALUATIONS + 2 * BATCHES
     if operator == "compute":
         assert other.data.ccdepth.added_deepest >= 0

@@ -5,8 +5,6 @@ Those named like Blender's own mean to us what they mean to its Subdivision Surf
 attributes of any kind, and even from vertex groups. Those named like ours are the user's unless they are of our kind.
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import bpy

@@ -2,8 +2,6 @@
 """Every attribute of a mesh is on its subdivision, by value, next to what Blender's own modifier makes there; so are
 vertex groups. Custom normals are left out, or made anew."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import pytest

@@ -5,8 +5,6 @@ Every operator that changes something is one step of undo. What is undone can be
 as Adjust Last Operation does it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import bpy

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The command line, called as Blender calls it; and the examples and what README shows, run as people run them."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

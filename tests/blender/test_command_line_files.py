@@ -2,8 +2,6 @@
 """The command line's files: which are read and written, how long their units are, what stays untouched, and what is
 refused as an output, because something would be lost or a report could not be verified."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path
@@ -248,7 +246,7 @@ def test_several_files(tmp_path: Path, capfd: Capture) -> None:
     assert "bad.ply: the folder cannot be made" in capfd.readouterr().err
 
 
-def test_levels_are_set(tmp_path: Path) -> None:
+def test_levels_are_set_unless_it_is_a_result(tmp_path: Path, capfd: Capture) -> None:
     path, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out.blend"
     assert run(path, "--levels", *LIMIT, "--output", output) == 0
     cube = mesh_objects(output)["Cube"]
@@ -260,15 +258,11 @@ def test_levels_are_set(tmp_path: Path) -> None:
     read(tmp_path / "out.ply")
     [cube] = bpy.data.objects
     assert len(cube.data.polygons) == 6 * 4**level
-
-
-def test_levels_of_a_result_are_refused(tmp_path: Path, capfd: Capture) -> None:
-    """They would subdivide a mesh that is fine enough already."""
-    path, made, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "made.blend", tmp_path / "out.blend"
-    assert run(path, "--subdivide", *LIMIT, "--output", made) == 0
+    # A result is fine enough already.
+    assert run(path, "--subdivide", *LIMIT, "--output", tmp_path / "made.blend") == 0
     message = "Levels would subdivide the result itself: set the levels of its source"
-    assert message in said(capfd, made, "--levels", *LIMIT, "--output", output)
-    assert not output.exists()
+    assert message in said(capfd, tmp_path / "made.blend", "--levels", *LIMIT, "--output", tmp_path / "again.blend")
+    assert not (tmp_path / "again.blend").exists()
 
 
 def test_a_number_of_faces(tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compute Depth on selected objects: what it writes, and that scale, duplicates and modes are counted in."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import bpy

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Reports of all kinds, in which one field after the other is forged."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

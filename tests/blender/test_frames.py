@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Depths over frames, against results of single frames; and results of one frame at another."""
 
-from __future__ import annotations
-
 import csv
 import re
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -182,11 +180,10 @@ def test_frames_are_named_and_listed() -> None:
         assert holder.data.ccdepth.worst_frame in numbers
 
 
-NO_FRAMES = ("", ",", "1-", "9-1", "1-5/0", "a", "1.5", "1-5/2/2")
-BEYOND = ("1-2000000", "-1048575", "1048575", "1-100001", "1-60000,70001-120000")
+NO_FRAMES = ("", ",", "1-", "9-1", "1-5/0", "a", "1.5", "1-5/2/2", "1-2000000", "-1048575", "1048575", "1-100001")
 
 
-@pytest.mark.parametrize("frames", [*NO_FRAMES, *BEYOND])
+@pytest.mark.parametrize("frames", [*NO_FRAMES, "1-60000,70001-120000"])
 def test_what_are_no_frames_is_refused(frames: str) -> None:
     holder = scene.add_object(meshes.landscape(4, 4))
     bpy.context.scene.frame_set(4)
@@ -288,19 +285,12 @@ def test_changes_make_it_out_of_date(change: str, frame: int) -> None:
     assert told_by_the_panel(holder) == mesh_line(holder)
 
 
-def reading(holder: bpy.types.Object) -> Generator[str, None, object]:
-    """The steps of reading an object over frames."""
-    task = addon.module("tasks.depth_task")
-    settings = task.DepthSettings(TOLERANCE, "ABSOLUTE", True, "CERTIFIED", "CONTROL", FRAMES)
-    bpy.context.view_layer.update()
-    return task.prepare_depths(bpy.context, [holder], settings)
-
-
 def test_the_frame_is_restored_when_it_is_cancelled() -> None:
     holder = with_a_shape_key()
     bpy.context.scene.frame_set(3, subframe=0.5)
-    objects = set(bpy.data.objects)
-    steps = reading(holder)
+    objects, task = set(bpy.data.objects), addon.module("tasks.depth_task")
+    settings = task.DepthSettings(TOLERANCE, "ABSOLUTE", True, "CERTIFIED", "CONTROL", FRAMES)
+    steps = task.prepare_depths(bpy.context, [holder], settings)
     assert [next(steps) for _ in range(6)] == [f"Frame {number} of {LAST}" for number in range(1, 7)]
     assert bpy.context.scene.frame_current == 5
     steps.close()

@@ -4,8 +4,6 @@
 The limit of a process on the size of its files stands in for a full disk: writing fails in the same way.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import resource

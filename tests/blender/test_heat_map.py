@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The heat map: what it shows and in which colours; and that meshes, viewports and exports stay as they are."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

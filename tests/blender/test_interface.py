@@ -2,8 +2,6 @@
 """What the legend and the panel say, of which objects, and where the legend stands; numbers as they are written; work
 in a thread; and that unregistering takes everything back out of Blender."""
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping

@@ -2,8 +2,6 @@
 """What the command line leaves out, what it works on copies of, what a format loses, and which drivers did not run: all
 of it is told."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

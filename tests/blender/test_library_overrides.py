@@ -4,8 +4,6 @@
 Blender drops what is written in bulk to a library override, and says nothing.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

@@ -5,8 +5,6 @@ test_measure_guarantee tests the distances. Most of it runs for a moment only: w
 at.
 """
 
-from __future__ import annotations
-
 import bmesh
 import bpy
 import numpy as np

@@ -6,8 +6,6 @@ vertices on the limit surface, distances are those of mathutils' BVH tree. From 
 they are never longer than the true distance, but for how far the fine mesh is from the surface itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

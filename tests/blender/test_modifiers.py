@@ -2,8 +2,6 @@
 """The surface meant: modifiers above the Subdivision Surface modifier, its settings, and shape keys;
 modifiers of every type are described without a fault, and every change is noticed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Several processes at a time, and the command line in a process of its own."""
 
-from __future__ import annotations
-
 import json
 import os
 import random
@@ -310,44 +308,28 @@ def write(path: Path) -> None:
         call(filepath=str(path), **options)
 
 
-def flipped(content: bytearray, chance: random.Random) -> None:
-    for _ in range(chance.choice((1, 1, 4, 64))):
-        content[chance.randrange(len(content))] ^= 1 << chance.randrange(8)
-
-
-def cut(content: bytearray, chance: random.Random) -> None:
-    del content[chance.randrange(len(content)) :]
-
-
-def without_a_part(content: bytearray, chance: random.Random) -> None:
-    start = chance.randrange(len(content))
-    del content[start : start + chance.choice((1, 4, 64, 1024))]
-
-
-def with_a_part_twice(content: bytearray, chance: random.Random) -> None:
-    start = chance.randrange(len(content))
-    content[start:start] = content[start : start + chance.choice((1, 4, 64, 1024))]
-
-
-def with_another_number(content: bytearray, chance: random.Random) -> None:
-    """As text where there are numbers as text, else four bytes."""
-    found = list(re.finditer(rb"(?<![\w.])-?\d+(\.\d+)?", content))
-    if content[:1000].isascii() and found:
+def damage(content: bytearray, chance: random.Random) -> None:
+    """Change bits, cut the end off, remove or repeat a part, or put another number into it, which is likelier: as text
+    where there are numbers as text, else four bytes."""
+    way, start = chance.randrange(6), chance.randrange(len(content))
+    part = slice(start, start + chance.choice((1, 4, 64, 1024)))
+    if way == 0:
+        for _ in range(chance.choice((1, 1, 4, 64))):
+            content[chance.randrange(len(content))] ^= 1 << chance.randrange(8)
+    elif way == 1:
+        del content[start:]
+    elif way == 2:
+        del content[part]
+    elif way == 3:
+        content[start:start] = content[part]
+    elif content[:1000].isascii() and (found := list(re.finditer(rb"(?<![\w.])-?\d+(\.\d+)?", content))):
         number = chance.choice(found)
         others = (b"-1", b"0", b"nan", b"inf", b"1e38", b"-1e-45", b"99999999999", b"4294967295", b"x\xff", b"")
         content[number.start() : number.end()] = chance.choice(others)
     else:
-        start = 4 * chance.randrange(len(content) // 4)
+        start -= start % 4
         numbers = (b"\0\0\0\0", b"\xff\xff\xff\xff", b"\0\0\xc0\x7f", b"\0\0\x80\x7f", b"\xff\xff\xff\x7f")
         content[start : start + 4] = chance.choice(numbers)
-
-
-# The last one is likelier.
-MUTATIONS = (flipped, cut, without_a_part, with_a_part_twice, with_another_number, with_another_number)
-
-
-def little_memory() -> None:
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
 
 
 @pytest.mark.thorough
@@ -360,7 +342,7 @@ def test_files_that_are_broken_at_random(tmp_path: Path, suffix: str, part: int)
     sources = []
     for number in range(COUNT // PARTS):
         content = bytearray(original.read_bytes())
-        chance.choice(MUTATIONS)(content, chance)
+        damage(content, chance)
         path = tmp_path / f"{number:03}{suffix}"
         path.write_bytes(content)
         sources.append(path.name)
@@ -390,4 +372,5 @@ def test_files_that_are_broken_at_random(tmp_path: Path, suffix: str, part: int)
 
 def run_in(folder: Path, command: list[str]) -> subprocess.CompletedProcess[str]:
     ways = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "errors": "replace"}
-    return subprocess.run(command, cwd=folder, timeout=3600, preexec_fn=little_memory, check=False, **ways)
+    ways["preexec_fn"] = lambda: resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+    return subprocess.run(command, cwd=folder, timeout=3600, check=False, **ways)

@@ -4,8 +4,6 @@
 Each part is some scenes of its own, those of a seed; what fails is reported with the fewest steps that were found.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Callable, Iterable
@@ -39,10 +37,6 @@ SELECTION = {
 
 # What a mesh says while it is edited alone. Edit Mode goes on with the result.
 EDITING = {"select history", "is_editmode", "active attribute", "has_custom_normals"}
-
-
-class Fault(AssertionError):
-    """Something that must not be."""
 
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -107,7 +101,7 @@ class Scenes(RuleBasedStateMachine):
         """Handlers and timers print their tracebacks."""
         addon.module("state.watch").examine()
         if "Traceback" in (heard := self.errors()):
-            raise Fault(f"a traceback was printed: {heard}")
+            raise AssertionError(f"a traceback was printed: {heard}")
 
     def _call(self, name: str, allowed: Callable[[snapshot.Path], bool] | None, /, **settings: Any) -> bool:
         """Call an operator of ours; True when it finished, and then it changed only what is allowed; for None whoever
@@ -118,7 +112,7 @@ class Scenes(RuleBasedStateMachine):
             outcome = getattr(bpy.ops.ccdepth, name)(**settings)
         except RuntimeError as refusal:
             if "Traceback" in str(refusal) or not str(refusal).strip():
-                raise Fault(f"{name} {settings}: refused with “{refusal}”") from None
+                raise AssertionError(f"{name} {settings}: refused with “{refusal}”") from None
             outcome, self.refusal = {"CANCELLED"}, str(refusal)
         bpy.context.view_layer.update()
         finished = outcome == {"FINISHED"}
@@ -157,7 +151,7 @@ class Scenes(RuleBasedStateMachine):
         if len(bpy.context.selected_objects) == len(objects) and self._call("compute", None, **settings):
             for name, depths in current.items():
                 if _depths(bpy.data.meshes[name]) != depths:
-                    raise Fault(f"the result on {name} was said to be current and was not")
+                    raise AssertionError(f"the result on {name} was said to be current and was not")
         self.before_result = None
 
     def clear(self, rng: Random) -> None:
@@ -178,7 +172,7 @@ class Scenes(RuleBasedStateMachine):
         settings["output"] = one(rng, ("NEW_OBJECT", "IN_PLACE"))
         settings["subdivide_results"] = chance(rng, 0.7)
         if not self._make(rng, "subdivide", settings):
-            raise Fault(f"subdivide {settings} finished and made nothing")
+            raise AssertionError(f"subdivide {settings} finished and made nothing")
 
     def update(self, rng: Random) -> None:
         if not bpy.ops.ccdepth.update.poll():
@@ -227,7 +221,7 @@ class Scenes(RuleBasedStateMachine):
         current = all(mesh.users == 1 and not staleness.is_stale(mesh) for mesh in meshes)
         done = self._call("set_levels", lambda path: path[2:3] == ("modifiers",))
         if not done and current and "its depths are out of date" in self.refusal:
-            raise Fault("set_levels says that a result is out of date, and the panel does not")
+            raise AssertionError("set_levels says that a result is out of date, and the panel does not")
 
     def select(self, rng: Random) -> None:
         settings: dict[str, Any] = {"extend": chance(rng, 0.3)}
@@ -255,7 +249,7 @@ class Scenes(RuleBasedStateMachine):
         bpy.ops.wm.save_as_mainfile(filepath=file)
         bpy.ops.wm.open_mainfile(filepath=file)
         if before != (after := _results()):
-            raise Fault(f"saving and loading: {before} became {after}")
+            raise AssertionError(f"saving and loading: {before} became {after}")
         self.before_result = None
 
     def measure(self, rng: Random) -> None:
@@ -276,9 +270,9 @@ def _nothing(_path: snapshot.Path) -> bool:
 
 
 def _same(what: str, before: Snapshot, allowed: Callable[[snapshot.Path], bool] = _nothing) -> None:
-    """Raise Fault where anything but what is allowed has been changed since."""
+    """AssertionError where anything but what is allowed has been changed since."""
     if found := snapshot.differences(before, snapshot.take(), allowed):
-        raise Fault(f"{what}, and this was changed:\n" + "\n".join(found[:12]))
+        raise AssertionError(f"{what}, and this was changed:\n" + "\n".join(found[:12]))
 
 
 def _tolerance(rng: Random) -> dict[str, Any]:
@@ -337,9 +331,9 @@ def _nothing_temporary() -> None:
     for collection in ("objects", "meshes", "shape_keys", "collections", "node_groups"):
         for block in getattr(bpy.data, collection):
             if block.name.startswith(("ccdepth_", "Snapshot")):
-                raise Fault(f"left behind in bpy.data.{collection}: {block.name}")
+                raise AssertionError(f"left behind in bpy.data.{collection}: {block.name}")
     if stray := [keys.name for keys in bpy.data.shape_keys if keys.library is None and not keys.users]:
-        raise Fault(f"shape keys without a mesh: {stray}")
+        raise AssertionError(f"shape keys without a mesh: {stray}")
 
 
 def _results_sound(what: str) -> None:
@@ -352,14 +346,16 @@ def _results_sound(what: str) -> None:
             attribute = mesh.attributes.get(name)
             found = attribute and (attribute.data_type, attribute.domain, len(attribute.data))
             if found != (kind, "FACE", len(mesh.polygons)):
-                raise Fault(f"{what}: {name} on {mesh.name} is {found}")
+                raise AssertionError(f"{what}: {name} on {mesh.name} is {found}")
         bounds = scene.read(mesh, "ccdepth_bound")
         # Several users may have several tolerances, and only the least of them is known.
         most = record.world_tolerance * (1 + SINGLE) if len(record.contributors) <= 1 else np.inf
         if not (np.isfinite(bounds).all() and (bounds >= 0).all() and (bounds <= most).all()):
-            raise Fault(f"{what}: bounds from {bounds.min()} to {bounds.max()} on {mesh.name}, tolerance {most}")
+            raise AssertionError(
+                f"{what}: bounds from {bounds.min()} to {bounds.max()} on {mesh.name}, tolerance {most}"
+            )
         if (least := min(_depths(mesh), default=0)) < 0:
-            raise Fault(f"{what}: depth {least} on {mesh.name}")
+            raise AssertionError(f"{what}: depth {least} on {mesh.name}")
 
 
 def _results_current() -> None:
@@ -371,20 +367,20 @@ def _results_current() -> None:
         if holder.type != "MESH" or (holder.data.is_editmode and holder.data.shape_keys):
             continue
         if holder.data.ccdepth.has_result and staleness.is_stale(holder.data):
-            raise Fault(f"the new result on {holder.name} is out of date")
+            raise AssertionError(f"the new result on {holder.name} is out of date")
 
 
 def _sound_mesh(mesh: bpy.types.Mesh) -> None:
     """Its attributes are whole, the colour it shows is one of them, and Blender finds nothing to mend."""
     for path, value in snapshot.mesh_content(mesh):
         if path[0] == "attribute" and value[2] != counts(mesh)[value[1]]:
-            raise Fault(f"{path[1]} on the result {mesh.name} has {value[2]} values")
+            raise AssertionError(f"{path[1]} on the result {mesh.name} has {value[2]} values")
     active = mesh.attributes.active_color_name
     if active and active not in mesh.attributes:
-        raise Fault(f"the result {mesh.name} shows a color attribute “{active}” that it does not have")
+        raise AssertionError(f"the result {mesh.name} shows a color attribute “{active}” that it does not have")
     # Blender finds fault with what is no number, also where the base mesh has it.
     if _is_finite(mesh) and mesh.validate(verbose=True):
-        raise Fault(f"the result {mesh.name} was not valid")
+        raise AssertionError(f"the result {mesh.name} was not valid")
 
 
 def _is_finite(mesh: bpy.types.Mesh) -> bool:

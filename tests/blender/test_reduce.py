@@ -5,8 +5,6 @@ The guarantee is checked without anything of the add-on's: the surface is that o
 modifier, Use Limit Surface on at the highest Quality, and distances are found by Blender's BVH trees.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
@@ -197,7 +195,17 @@ def test_lines_and_everything_else_of_the_mesh_are_there() -> None:
     assert new == {("objects", result.name), ("meshes", result.data.name)}
     assert faces(result) < result.data.ccdepth.unreduced_triangles
     assert_lines_are_where_they_were(result)
-    assert_everything_else_is_there(result, mesh.attributes.keys())
+    mesh = result.data
+    assert result.vertex_groups.keys() == ["Left", "Half"]
+    assert result.vertex_groups["Half"].lock_weight
+    weights = [entry.weight for vertex in mesh.vertices for entry in vertex.groups]
+    assert 0 < max(weights) <= 0.5
+    assert mesh["note"] == 3
+    assert mesh.attributes.active_color_name == "Color"
+    assert mesh.uv_layers.active.name == "Map"
+    known = {*addon.ATTRIBUTES, *original.data.attributes.keys()}
+    assert {name for name in mesh.attributes.keys() if not name.startswith(".")} <= known  # noqa: SIM118
+    assert addon.depths(result).max() == mesh.ccdepth.deepest
     found = uvs_off(result)
     bpy.data.objects.remove(result)
     (plain,) = subdivide(original, tolerance=SLACK)
@@ -234,20 +242,6 @@ def uvs_off(holder: bpy.types.Object) -> np.ndarray:
     right = np.repeat([face.material_index for face in mesh.polygons], [face.loop_total for face in mesh.polygons])
     places = shape(holder)[scene.read(mesh, ".corner_vert")[:, 0], :2] + np.stack([20.0 * right, 0.0 * right], axis=1)
     return np.linalg.norm(scene.read(mesh, "Map") - places, axis=1)
-
-
-def assert_everything_else_is_there(result: bpy.types.Object, attributes: list[str]) -> None:
-    mesh = result.data
-    assert result.vertex_groups.keys() == ["Left", "Half"]
-    assert result.vertex_groups["Half"].lock_weight
-    weights = [entry.weight for vertex in mesh.vertices for entry in vertex.groups]
-    assert 0 < max(weights) <= 0.5
-    assert mesh["note"] == 3
-    assert mesh.attributes.active_color_name == "Color"
-    assert mesh.uv_layers.active.name == "Map"
-    known = {*addon.ATTRIBUTES, *attributes}
-    assert {name for name in mesh.attributes.keys() if not name.startswith(".")} <= known  # noqa: SIM118
-    assert addon.depths(result).max() == mesh.ccdepth.deepest
 
 
 @pytest.mark.every_blender

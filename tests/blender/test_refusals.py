@@ -2,8 +2,6 @@
 """Bad input gets a clear report, and changes nothing, not even on the good objects selected with it. Faces that have no
 surface are found and taken away; those without area are faces like others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The report of a run, its being checked again, and several reports made one."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io
@@ -300,6 +298,9 @@ def test_what_is_no_report(tmp_path: Path, capfd: Capture) -> None:
         assert message in said(capfd, "--verify", path)
     for name in ("nowhere.json", "."):
         assert f"ccdepth: {tmp_path / name}: it cannot be read: " in said(capfd, "--verify", tmp_path / name)
+    path.unlink()
+    for folder, message in ((tmp_path, "there are no reports in it"), (tmp_path / "no", "there is no such folder")):
+        assert message in said(capfd, "--gather", folder, "--csv", tmp_path / "all.csv")
 
 
 def test_names_that_are_not_unicode_stand_in_the_reports(tmp_path: Path, capfd: Capture) -> None:
@@ -386,11 +387,6 @@ def test_no_whole_is_made(tmp_path: Path, parts: Path, capfd: Capture, change: d
     capfd.readouterr()
     assert message in said(capfd, "--gather", parts, "--json", tmp_path / "all.json")
     assert not (tmp_path / "all.json").exists()
-
-
-def test_an_empty_folder_has_no_report(tmp_path: Path, capfd: Capture) -> None:
-    for folder, message in ((tmp_path, "there are no reports in it"), (tmp_path / "no", "there is no such folder")):
-        assert message in said(capfd, "--gather", folder, "--csv", tmp_path / "all.csv")
 
 
 def texts_and_pixels(page: str) -> list[str | bytes]:

@@ -2,8 +2,6 @@
 """The page of a report: what it says, that it loads nothing, and what a browser makes of it; and the picture of a heat
 map, as a file of its own."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Set Subdivision Levels: the modifier gets the uniform level, the vertices that were measured, and the Quality."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import bpy

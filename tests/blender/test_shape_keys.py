@@ -6,8 +6,6 @@ Before Blender 5.2 a copy of a mesh with keys counts one user of its Key too man
 Key in the file, and saving a file with such a Key fails.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -5,8 +5,6 @@ The reference is the same modifier with Use Limit Surface off, some levels deepe
 Blender's single precision is measured against the law for it (``rounding.modifier_rounding``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import product
 

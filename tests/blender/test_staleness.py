@@ -2,12 +2,10 @@
 """The panels show that depths, deviations and adaptive results are out of date when what they depend on has changed,
 and only then."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import bpy
 import pytest
@@ -49,9 +47,9 @@ class Made:
         }
         return {kind: line for kind, line in lines.items() if line}
 
-    def found_again(self) -> Made:
+    def found_again(self) -> Self:
         """The same, by name, after Blender has read them anew."""
-        return Made(*(bpy.data.objects[name] for name in ("Source", "Other", "Source Adaptive")))
+        return type(self)(*(bpy.data.objects[name] for name in ("Source", "Other", "Source Adaptive")))
 
 
 def stale(kinds: str, line: str = "", *, own: str = "“Source” changed", other: str = "") -> dict[str, str]:
@@ -318,8 +316,8 @@ def posed(holder: bpy.types.Object) -> bpy.types.Object:
     return modified(holder, "ARMATURE", object=scene.add_rig()).object
 
 
-def keyed(holder: bpy.types.Object) -> bpy.types.ShapeKey:
-    key = scene.add_key(holder)
+def keyed(holder: bpy.types.Object, value: float = 0.0) -> bpy.types.ShapeKey:
+    key = scene.add_key(holder, value=value)
     key.data[0].co.x += 1.0
     return key
 
@@ -374,6 +372,7 @@ def set_and_tell(holder: Any, *updates: Any, **values: object) -> None:
 SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], object]]] = {
     "an armature": (posed, lambda rig: set_on(rig.pose.bones["Bone"], location=(0.5, 0.0, 0.0))),
     "a shape key": (keyed, lambda key: set_on(key, value=0.5)),
+    "a muted shape key": (lambda holder: keyed(holder, 1.0), lambda key: set_on(key, mute=True)),
     "an object": (
         lambda holder: modified(holder, "MIRROR", mirror_object=scene.add("Axis")).mirror_object,
         lambda axis: set_on(axis, location=(0.5, 0.0, 0.0)),

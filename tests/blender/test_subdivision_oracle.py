@@ -2,8 +2,6 @@
 """Levels 1 to 3, and points of the limit surface, against Blender's own Subdivision Surface modifier, mesh by mesh;
 and UV maps."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

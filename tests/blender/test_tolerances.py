@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tolerances at the press of a button, in the sidebar, and for so many faces; Count Faces, and the Face Limit."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -5,8 +5,6 @@ test_staleness tests when results are out of date. Timers, which keep results up
 what they call is called here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -39,14 +37,14 @@ def move_to_another_scene(holder: bpy.types.Object) -> None:
 # What is made.
 
 
-OTHERS = (
-    {"tolerance": 0.003, "mode": "PER_FACE"},
-    {"relative_tolerance": 0.002, "tolerance_mode": "RELATIVE", "transitions": "NGONS", "exact_normals": True},
-    {"reduce": True, "tolerance": 0.05},
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"tolerance": 0.003, "mode": "PER_FACE"},
+        {"relative_tolerance": 0.002, "tolerance_mode": "RELATIVE", "transitions": "NGONS", "exact_normals": True},
+        {"reduce": True, "tolerance": 0.05},
+    ],
 )
-
-
-@pytest.mark.parametrize("settings", OTHERS)
 def test_it_is_what_applying_anew_would_make(settings: dict[str, object]) -> None:
     source, result = made_result()
     set_scene(**settings)

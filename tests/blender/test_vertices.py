@@ -4,8 +4,6 @@
 A file of 308a89a opens with all it holds: depths, adaptive objects, measurements, and what is kept updated.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

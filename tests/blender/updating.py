@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Update Result called in tests, and what it is tested on."""
 
-from __future__ import annotations
-
 import bpy
 
 from tests import meshes

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files for a farm to do, and Blender as a farm starts it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

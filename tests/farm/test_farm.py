@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The templates for farms, checked and really run."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
