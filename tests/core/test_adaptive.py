@@ -287,7 +287,7 @@ SHORT_FLAT = ["uneven", "needles", "hexagons", "bent plate", *[*FLAT][-4:]]
 def test_flat_meshes_and_those_bent_one_way_take_few_faces(name: str, transitions: Transitions) -> None:
     make, *enough = FLAT[name]
     mesh = meshes.build(make())
-    found = subdivided(mesh, request_of(mesh, 1e-3, transitions=transitions, most_faces=20_000))
+    found = subdivided(mesh, request_of(mesh, 1e-3, transitions=transitions, most_faces=2_000))
     soundness.assert_sound(mesh, found.mesh)
     assert len(found.bounds) <= enough[transitions is Transitions.NGONS]
     assert_as_near_as_proved(mesh, found, 1e-3 * meshes.diagonal(mesh))
