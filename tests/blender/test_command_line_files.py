@@ -119,11 +119,12 @@ def test_what_is_written_has_the_scenes_size_and_place(
 
 
 @pytest.mark.every_blender
-def test_glb_files_come_together_where_they_were_split(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("suffix", "kind"), [("glb", "GLB"), ("gltf", "GLTF_SEPARATE")])
+def test_gltf_files_come_together_where_they_were_split(tmp_path: Path, suffix: str, kind: str) -> None:
     """A cube with flat faces has 24 vertices in such a file, and its limit surface would be six flat discs."""
     addon.select(scene.add_object(meshes.cube()))
-    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "cube.glb"), use_selection=True)
-    assert run(tmp_path / "cube.glb", *LIMIT, "--output", tmp_path / "out.blend") == 0
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / f"cube.{suffix}"), use_selection=True, export_format=kind)
+    assert run(tmp_path / f"cube.{suffix}", *LIMIT, "--output", tmp_path / "out.blend") == 0
     [cube] = mesh_objects(tmp_path / "out.blend").values()
     assert (len(cube.data.vertices), len(cube.data.polygons)) == (8, 12)
 

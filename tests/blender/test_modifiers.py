@@ -83,13 +83,15 @@ def test_a_simple_subdivision_is_a_modifier_like_any_other() -> None:
     np.testing.assert_array_equal(computed(holder), np.maximum.reduceat(found, np.cumsum(sizes) - sizes))
 
 
-def test_faces_a_modifier_takes_away_need_no_level() -> None:
-    holder = scene.add_object(meshes.landscape(6, 5))
+def test_faces_a_modifier_takes_away_need_no_level(capfd: pytest.CaptureFixture[str]) -> None:
+    """And a warning names the object, whose name cannot command the terminal."""
+    holder = scene.add_object(meshes.landscape(6, 5), "Land\x1b[2J")
     group = holder.vertex_groups.new(name="Shown")
     group.add(range(len(holder.data.vertices) // 2), 1.0, "REPLACE")
     holder.modifiers.new("Mask", "MASK").vertex_group = group.name
     shown = core_depths(evaluated(holder))
-    depths = computed(holder)
+    depths, printed = computed(holder), capfd.readouterr().out
+    assert ("Land\\x1b[2J: modifiers take" in printed, "\x1b" in printed) == (True, False)
     assert 0 < len(shown) < len(depths)
     assert np.count_nonzero(depths) == np.count_nonzero(shown)
     assert np.count_nonzero(addon.bounds(holder)) <= len(shown)

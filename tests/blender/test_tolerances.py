@@ -371,7 +371,7 @@ def test_the_limit_is_for_all_objects_together(capfd: pytest.CaptureFixture[str]
 
 @pytest.mark.parametrize("max_faces", each([20, 100], short=[20]))
 def test_the_tolerance_found_fits_all_objects_together(max_faces: int) -> None:
-    objects = [scene.add_object(meshes.landscape(2, 2), "Hills"), scene.add_object(meshes.creased_cube(), "Cube")]
+    objects = [scene.add_object(meshes.landscape(2, 2), "Hills"), scene.add_object(meshes.cube(), "Cube")]
     objects[1].scale = (2.0, 2.0, 2.0)
     tolerance = refused_and_found(*objects, tolerance=0.001, tolerance_mode="RELATIVE", max_faces=max_faces)
     results = subdivide(*objects, tolerance=tolerance, tolerance_mode="RELATIVE", max_faces=max_faces)
