@@ -254,12 +254,6 @@ FLAT: dict[str, tuple[Callable[[], meshes.MeshData], int, int]] = {
     "dented hexagons": (lambda: turned(meshes.hexagons(4, 6, 0.3)), 278, 215),
     "bent plate": (meshes.bent_plate, 194, 165),
     "nearly flat pole": (lambda: bent(meshes.fan(16, 1), lambda x, y, _: [x, y, -0.05 * (x * x + y * y)]), 436, 269),
-    # Half of a circle: half of the triangles that whole leaves would take, but for its ends.
-    "tube": (
-        lambda: bent(meshes.grid(6, 4), lambda x, y, _: [np.cos(np.pi / 6 * x), np.sin(np.pi / 6 * x), 0.75 * y]),
-        188,
-        152,
-    ),
     # Nothing of what is missed there is across the plane of a leaf, and chords of lines that wind miss nothing at their
     # middles: how to split says nothing then of parameters that lie elsewhere.
     "folded in the plane": (
@@ -271,6 +265,12 @@ FLAT: dict[str, tuple[Callable[[], meshes.MeshData], int, int]] = {
     ),
     "winding within the plane": (lambda: bent(meshes.grid(1, 3), lambda x, y, _: [x + winding(y), y, 0 * x]), 100, 56),
     "winding out of the plane": (lambda: bent(meshes.grid(3, 1), lambda x, y, _: [x, y, winding(x)]), 100, 82),
+    # Half of a circle: half of the triangles that whole leaves would take, but for its ends.
+    "tube": (
+        lambda: bent(meshes.grid(6, 4), lambda x, y, _: [np.cos(np.pi / 6 * x), np.sin(np.pi / 6 * x), 0.75 * y]),
+        188,
+        152,
+    ),
 }
 
 
