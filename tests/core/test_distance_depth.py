@@ -16,6 +16,7 @@ from ccdepth_addon.core.arrays.types import BoolArray, FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
+from ccdepth_addon.core.depth.distance_depth import MOST_WITH_BOUNDS
 from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
 from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
@@ -180,6 +181,25 @@ def test_faces_of_depth_0_have_the_least_possible_depth() -> None:
     found = face_depths(mesh, 10.0, "DISTANCE", "LIMIT")
     assert np.count_nonzero(found.depths == 0) > MOST_FACES
     assert np.all(found.exact[found.depths == 0])
+
+
+def terraces(size: int) -> PolygonMesh:
+    """Steps with two lines of the grid close together at each."""
+
+    def along(places: FloatArray) -> FloatArray:
+        return places // 3 + np.array([0, 0.1, 0.9])[(places % 3).astype(int)]
+
+    return meshes.build(
+        meshes.bent(meshes.grid(size, size), lambda x, y, _: (along(x), along(y), 0.3 * (x // 3 % 2) * (y // 3 % 2)))
+    )
+
+
+def test_a_mesh_of_many_faces_needs_no_deeper_level_than_a_part_of_it() -> None:
+    part, whole = (face_depths(terraces(size), 0.01, "DISTANCE", "LIMIT") for size in (12, 42))
+    assert len(whole.depths) > 3 * MOST_WITH_BOUNDS
+    assert part.depths.max() == whole.depths.max() == 2
+    assert np.all(whole.bounds <= 0.01)
+    assert uniform_level(terraces(42), 0.01, "DISTANCE", "LIMIT", whole.depths, lasting=whole.lasting) == 2
 
 
 @pytest.mark.parametrize("tolerance", each([0.003, 0.01], short=[0.01]))

@@ -41,7 +41,7 @@ def leaves(*, is_folded: bool) -> DrawnLeaves:
 def test_of_what_may_be_folded_either_diagonal_counts(*, on_surface: bool, drawn: bool) -> None:
     middle, limit = np.arange(9) == MIDDLE, (FIRST_DIAGONAL + SECOND_DIAGONAL) / 2
     known, folded = (
-        leaves(is_folded=each).deviations(middle & on_surface, middle & drawn, limit, 0.0)[MIDDLE]
+        leaves(is_folded=each).deviations(middle & on_surface, middle & drawn, np.arange(9), limit, 0.0)[MIDDLE]
         for each in (False, True)
     )
     assert FIRST_DIAGONAL * (1 - SMALL) <= known <= limit
@@ -49,9 +49,19 @@ def test_of_what_may_be_folded_either_diagonal_counts(*, on_surface: bool, drawn
 
 
 def test_what_is_farther_than_the_limit_is_not_proved() -> None:
-    every = np.ones(9, dtype=bool)
-    assert np.all(leaves(is_folded=False).deviations(every, every, 0.97 * FIRST_DIAGONAL, 0.0) == np.inf)
-    assert np.all(leaves(is_folded=False).deviations(every, every, 1.03 * FIRST_DIAGONAL, 0.0) < np.inf)
+    every, alone = np.ones(9, dtype=bool), np.arange(9)
+    assert np.all(leaves(is_folded=False).deviations(every, every, alone, 0.97 * FIRST_DIAGONAL, 0.0) == np.inf)
+    assert np.all(leaves(is_folded=False).deviations(every, every, alone, 1.03 * FIRST_DIAGONAL, 0.0) < np.inf)
+
+
+def test_what_is_farther_than_the_limit_takes_its_group_alone_with_it() -> None:
+    some = leaves(is_folded=False)
+    is_corner = np.all(some.points == some.points[0, 2], axis=2)
+    some.points[is_corner] += [0, 0, 2 * FIRST_DIAGONAL]
+    every, groups = np.ones(9, dtype=bool), np.arange(9) // 3
+    found = some.deviations(every, every, groups, 1.5 * FIRST_DIAGONAL, 0.0)
+    assert np.all(np.isinf(found[is_corner.any(axis=1)]))
+    assert np.all(found[6:] < np.inf)
 
 
 def test_at_equal_parameters_either_diagonal_counts() -> None:

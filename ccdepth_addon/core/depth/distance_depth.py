@@ -29,9 +29,13 @@ from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 # The approximate number of leaves examined together, with the leaves around them.
 LEAVES_AT_ONCE = 1 << 15
 
-# Up to this number, regular faces with bounds beyond the tolerance are examined leaf by leaf. Each takes some
-# milliseconds, and on a large mesh a few in a hundred would get one level less.
-MOST_WITH_BOUNDS = 1 << 9
+# Up to the first number, on meshes of up to the second number of faces, regular faces with bounds beyond the tolerance
+# are examined leaf by leaf at each level. Each takes some milliseconds. Otherwise the deepest faces alone are examined,
+# up to the third number.
+MOST_WITH_BOUNDS, MOST_OF_A_MESH, MOST_DEEPEST = 1 << 9, 1 << 12, 1 << 13
+
+# The level of faces of which no level was passed over.
+NO_LEVEL = np.iinfo(np.intp).max
 
 # The number of faces cut out of the mesh together.
 MOST_FACES_AT_ONCE = 1 << 11
@@ -47,19 +51,33 @@ def distance_depths(
     """
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     disproved = DisprovedLevels.of(mesh, vertices, test, tick)
+    whole = FaceDepths.undecided(faces)
+    passed = np.full(len(faces), NO_LEVEL)
+
+    def found(places: IndexArray, level: int) -> FaceDepths:
+        # Before that, bounds are without the allowance.
+        if level:
+            whole.exact[places] = disproved.all_before(level, faces[places], tick)
+        some = FaceDepths(*(column[places] for column in vars(whole).values()))
+        some.bounds[:] += test.allowance
+        return some
+
     left = np.arange(len(faces))
     level = 0
     while len(left):
-        bounds, lasting = some.at(level, left)
+        bounds, lasting, is_passed = some.at(level, left)
+        passed[left[is_passed]] = np.minimum(passed[left[is_passed]], level)
         is_settled = np.isfinite(bounds)
-        found = FaceDepths.undecided(faces[left[is_settled]])
-        found.depths[:], found.bounds[:] = level, bounds[is_settled] + test.allowance
-        if level:
-            found.exact[:] = disproved.all_before(level, found.faces, tick)
-        found.lasting[:] = lasting[is_settled]
-        yield found
+        settled = left[is_settled]
+        whole.depths[settled], whole.bounds[settled] = level, bounds[is_settled]
+        whole.lasting[settled] = lasting[is_settled]
+        yield found(settled[passed[settled] == NO_LEVEL], level)
         left = left[~is_settled]
         level += 1
+    some.lower_deepest(whole, passed)
+    held = np.flatnonzero(passed < NO_LEVEL)
+    for depth in np.unique(whole.depths[held]).tolist():
+        yield found(held[whole.depths[held] == depth], depth)
 
 
 def distance_bounds_at(
@@ -77,7 +95,7 @@ def distance_bounds_at(
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     for level in np.unique(levels[faces]).tolist():
         places = np.flatnonzero(levels[faces] == level)
-        bounds, lasting = some.at(level, places)
+        bounds, lasting, _ = some.at(level, places)
         yield LevelBounds(faces[places], bounds + test.allowance, lasting)
 
 
@@ -132,24 +150,43 @@ class _SomeFaces:
         """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
         return self.vertices if level else Vertices.CONTROL
 
-    def at(self, level: int, places: IndexArray) -> tuple[FloatArray, BoolArray]:
-        """(m,) twice, for the faces at some places (m,): bounds at a level, infinite without a proof within the limit;
-        and whether the bounds last."""
+    def at(self, level: int, places: IndexArray) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """(m,) each, for the faces at some places (m,): bounds at a level, infinite without a proof within the limit;
+        whether the bounds last; and whether the level was passed over: leaves that are likely within the limit were not
+        examined."""
         bounds = np.full(len(self.faces), np.inf)
-        lasting, is_open = np.zeros((2, len(self.faces)), dtype=bool)
+        lasting, is_open, is_passed = np.zeros((3, len(self.faces)), dtype=bool)
         for found in self.feet.bounds(places, level, self.shown(level), self.limit, self.tick):
             bounds[found.faces], lasting[found.faces], is_open[found.faces] = found.bounds, found.lasting, found.is_open
         is_open &= (self.mesh.face_sizes[self.faces] == 4) | (level > 0)
         is_open &= (self.feet.places[: len(self.faces)] < 0) | (level <= DEEPEST_REGULAR)
         has_bound = is_open & np.isfinite(bounds)
-        if np.count_nonzero(has_bound) > MOST_WITH_BOUNDS:
+        if np.count_nonzero(has_bound) > MOST_WITH_BOUNDS or self.mesh.face_count > MOST_OF_A_MESH:
+            is_passed[has_bound] = self.feet.likely(np.flatnonzero(has_bound), level, self.shown(level)) <= self.limit
             is_open[has_bound] = False
         left = places[is_open[places]]
         bounds[left] = np.concatenate(
             [np.zeros(0), *(each.bounds for each in self.by_leaves(self.faces[left], level, are_joined=False))]
         )
         bounds[bounds > self.limit] = np.inf
-        return bounds[places], lasting[places]
+        return bounds[places], lasting[places], is_passed[places]
+
+    def lower_deepest(self, whole: FaceDepths, passed: IndexArray) -> None:
+        """Lower the deepest depths of the faces to the least level that the others allow, and that leaves prove.
+        passed: (n,) intp, the first level passed over of each face, ``NO_LEVEL`` without one."""
+        least, deepest = int(np.minimum(whole.depths, passed).max(initial=0)), int(whole.depths.max(initial=0))
+        for level in range(least, deepest):
+            deep = np.flatnonzero(whole.depths > level)
+            if len(deep) > MOST_DEEPEST:
+                continue
+            found = []
+            for block in self.by_leaves(self.faces[deep], level, are_joined=False):
+                if np.any(block.bounds > self.limit):
+                    break
+                found.append(block.bounds)
+            else:
+                whole.depths[deep], whole.bounds[deep], whole.lasting[deep] = level, np.concatenate(found), False
+                return
 
     def by_leaves(self, faces: IndexArray, level: int, *, are_joined: bool) -> Iterator[LevelBounds]:
         """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks. are_joined:
@@ -177,7 +214,10 @@ def _distances(found: LevelLeaves, limit: float, rounded: float, *, are_joined: 
         beside &= off > limit
         measured = is_open | beside
         around = rings_around(mesh, measured, 1)
-        deviations = leaves.keep(around).deviations(measured[around], is_open[around], limit, rounded)
+        # A face with one leaf beyond the limit is beyond it; each leaf around the faces counts by itself.
+        groups = np.where(found.is_own, found.bases, len(found.bounds) + np.arange(len(off)))[around]
+        groups = np.unique(groups, return_inverse=True)[1]
+        deviations = leaves.keep(around).deviations(measured[around], is_open[around], groups, limit, rounded)
         off[measured] = deviations[measured[around]]
         off[is_open] = np.maximum(off, _largest_around(mesh, np.where(beside, off, 0.0)))[is_open]
     bounds = found.bounds.copy()

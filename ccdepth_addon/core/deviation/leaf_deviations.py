@@ -7,7 +7,7 @@ Distances to a part of the triangles or the surface are no less than to the whol
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
@@ -35,8 +35,12 @@ MOST_ROUNDS = 20
 SIDES = np.array([[0, 1, 1], [1, 2, 2], [2, 3, 3], [3, 0, 0]])
 
 
+@dataclass
 class LeafFindings(Findings):
-    """The findings for leaves: whether each is within the limit."""
+    """The findings for leaves: whether each is within the limit. groups: (K,) intp, of each leaf. A leaf beyond the
+    limit ends the search for all of its group."""
+
+    groups: IndexArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def target(self) -> float:
@@ -45,7 +49,8 @@ class LeafFindings(Findings):
 
     def goals(self, faces: IndexArray, rounds: int) -> FloatArray:
         """(N,): the limit, or no bound for leaves beyond the limit or undecided after many rounds."""
-        return np.where((self.in_faces[faces] > self.limit) | (rounds >= MOST_ROUNDS), np.inf, self.limit)
+        reached = _largest(self.groups, self.in_faces)[faces]
+        return np.where((reached > self.limit) | (rounds >= MOST_ROUNDS), np.inf, self.limit)
 
 
 @dataclass(frozen=True)
@@ -82,10 +87,13 @@ class DrawnLeaves:
         found: FloatArray = Facets.of(pieces, np.arange(count)).off + np.sqrt((off * off).sum(axis=2).max(axis=1))
         return found + rounded
 
-    def deviations(self, on_surface: BoolArray, drawn: BoolArray, limit: float, rounded: float) -> FloatArray:
+    def deviations(
+        self, on_surface: BoolArray, drawn: BoolArray, groups: IndexArray, limit: float, rounded: float
+    ) -> FloatArray:
         """(K,): bounds of the distance from the surface over chosen leaves (K,) bool to the triangles of all leaves,
         and from the triangles of chosen leaves (K,) bool, with both diagonals where either may be drawn, to the surface
-        over all; infinite without a bound within the limit. rounded: the rounding allowance."""
+        over all; infinite without a bound within the limit. groups: (K,) intp below K, of each leaf: a group with one
+        leaf beyond the limit may be infinite as a whole. rounded: the rounding allowance."""
         count = len(self.points)
         size = float(np.abs(self.refinement.mesh.positions).max(initial=0.0))
         findings = LeafFindings(
@@ -100,6 +108,7 @@ class DrawnLeaves:
             time_limit=np.inf,
             report=no_report,
             in_faces=np.zeros(count),
+            groups=groups,
         )
         units, owners = self.refinement, np.arange(count)
         if np.any(units.mesh.face_sizes != 4):
@@ -110,9 +119,10 @@ class DrawnLeaves:
         found = np.zeros(count)
         leaves = _over(pieces, on_surface)
         np.maximum.at(found, pieces.faces[leaves], surface.upper[leaves])
-        chosen = np.flatnonzero(drawn & (found <= limit))
+        chosen = np.flatnonzero(drawn & (_largest(groups, found) <= limit))
         if len(chosen):
-            findings.in_faces[:] = 0.0
+            # A triangle beyond the limit may be nearest to a leaf of another group.
+            findings.in_faces[:], findings.groups = 0.0, np.arange(count)
             mesh, owners = self._of(chosen)
             other_way = MeshToSurface(surface, mesh, count, np.inf)
             other_way.settle()
@@ -143,6 +153,13 @@ class DrawnLeaves:
         found = np.zeros_like(self.refinement.mesh.positions)
         found[self.refinement.corner_vertices()] = self.points.reshape(-1, 3)
         return found
+
+
+def _largest(groups: IndexArray, values: FloatArray) -> FloatArray:
+    """(K,): the largest of the values (K,) in the group of each."""
+    found = np.zeros(len(values))
+    np.maximum.at(found, groups, values)
+    return found[groups]
 
 
 def _over(pieces: BezierPieces, chosen: BoolArray) -> IndexArray:
