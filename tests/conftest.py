@@ -5,8 +5,6 @@ A slice of the thorough tests (``--slice SEED``) runs them alone, in an order th
 after two minutes.
 """
 
-from __future__ import annotations
-
 import random
 import shlex
 import time

@@ -6,8 +6,6 @@
 The folder holds pytest, as ``pip install --target FOLDER pytest`` puts it there.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Test meshes as plain arrays, for the core and for Blender alike."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -77,9 +75,6 @@ def diagonal(mesh: MeshData | PolygonMesh) -> float:
 def bent(data: MeshData, change: Callable[..., Sequence[NDArray[np.float64]]]) -> MeshData:
     """With its points moved: change of (V,) x, y and z gives the new ones."""
     return replace(data, positions=np.stack(change(*data.positions.T), axis=1))
-
-
-# Quads and n-gons, smooth
 
 
 def cube() -> MeshData:
@@ -407,9 +402,6 @@ def with_collapsed_faces(data: MeshData) -> MeshData:
     positions[line[2:]] = first + np.linspace(0.75, 0.25, len(line) - 2)[:, None] * (second - first)
     positions[edge[0]] = positions[edge[1]]
     return replace(data, positions=positions)
-
-
-# Creases
 
 
 def creased(data: MeshData, edges: EdgeCreases, vertices: dict[int, float] | None = None) -> MeshData:

@@ -4,8 +4,6 @@
 Numbers V₁ … V₂ₙ₊₈ of extraordinary nets are those of Cheng, Chen and Yong 2006 (Stam's order), from 1.
 """
 
-from __future__ import annotations
-
 from math import ceil, log
 
 import numpy as np

@@ -4,8 +4,6 @@
 A loop is (N, 3), its vertices in order; some may stand for middles of sides between the others, its corners.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,9 +149,6 @@ def is_simple(vertices: FloatArray, normal: FloatArray) -> bool:
             if across <= 0 and along <= 0:
                 return False
     return True
-
-
-# Distances
 
 
 def facet_triangles(facets: FloatArray) -> FloatArray:

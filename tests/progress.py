@@ -5,8 +5,6 @@ The file is named by the environment variable CCDEPTH_PROGRESS; each line is a J
 ``{"total": 1234}``, ``{"start": TEST, "pid": 17}``, ``{"finish": TEST, "failed": false}``, ``{"over": STATUS}``.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Generator

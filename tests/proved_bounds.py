@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The proved distances of all faces at one level."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ccdepth_addon.core.arrays.types import FloatArray

@@ -5,8 +5,6 @@ Only what a result says of itself is used, nothing of how it was made. Parameter
 said of them on quads is exact.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix

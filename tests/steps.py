@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Work that is done in steps, from its beginning to its end."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator
 from typing import Any, TypeVar
 

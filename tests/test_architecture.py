@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Imports go one way: command_line → operators → ui → state → tasks → exchange → core, which knows no Blender."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the programs in benchmarks/ and proofs/ name is there."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import fields, is_dataclass

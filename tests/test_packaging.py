@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the extension is packed from, and, where ``CCDEPTH_EXTENSION`` names a built one, what is in it."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

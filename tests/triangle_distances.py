@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Distances from points to triangles, by other means than the extension's."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial import cKDTree
 

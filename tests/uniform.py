@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Every face subdivided as often as every other, as the Subdivision Surface modifier does, to compare with it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh

@@ -71,9 +71,6 @@ def editable_objects() -> list[bpy.types.Object]:
     return [each for each in editable_of_any_type() if each.type == "MESH" and not each.data.is_editmode]
 
 
-# Meshes
-
-
 def add_mesh(rng: Random) -> None:
     """An object with a random mesh, perhaps with loose edges and a loose vertex."""
     data = one(rng, MESHES)(rng)
@@ -136,9 +133,6 @@ def spoil_mesh(rng: Random) -> None:
             positions *= np.float32(10.0 ** rng.uniform(-most, most))
     mesh.attributes["position"].data.foreach_set("vector", positions)
     mesh.update()
-
-
-# Objects
 
 
 def _add(name: str, data: bpy.types.ID | None) -> bpy.types.Object:
@@ -234,9 +228,6 @@ def link_library(rng: Random) -> None:
     choose_objects(rng)
     # Blender itself crashes when undo goes back over objects that a script has removed without a step of undo.
     bpy.ops.ed.undo_push(message="Link Library")
-
-
-# What meshes carry
 
 
 def _add_attribute(rng: Random, mesh: bpy.types.Mesh, name: str, types: Any, domains: Any) -> None:
@@ -400,9 +391,6 @@ def mark_elements(rng: Random) -> None:
     mesh.use_mirror_x, mesh["custom"] = chance(rng, 0.5), 12.5
 
 
-# Modifiers
-
-
 # Blender itself crashes when it evaluates Bevel on a mesh with attributes of some types on its edges, with no operator
 # of ours; fluids run scripts of their own, which print tracebacks, and caches want files. On some meshes that are not
 # valid Blender itself writes normals beyond its arrays.
@@ -510,9 +498,6 @@ def add_multires(rng: Random) -> None:
 def add_constraint(rng: Random) -> None:
     constraints = one(rng, editable_of_any_type()).constraints
     constraints.new(one(rng, ("COPY_SCALE", "LIMIT_SCALE", "TRACK_TO"))).target = one(rng, bpy.data.objects)
-
-
-# Scenes and modes
 
 
 def animate(rng: Random) -> None:

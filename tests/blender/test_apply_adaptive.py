@@ -24,9 +24,6 @@ pytestmark = pytest.mark.every_blender
 ROUGH = 0.1
 
 
-# What is made, and where.
-
-
 def hills(name: str = "Hills") -> bpy.types.Object:
     return scene.add_object(meshes.landscape(4, 3), name)
 
@@ -78,9 +75,6 @@ def test_each_mode_and_transition_makes_another_mesh() -> None:
     assert len(set(sizes.values())) == 4
 
 
-# Tolerance.
-
-
 @pytest.mark.parametrize("scale", [(1.0, 4.0, 0.3), (-2.0, 1.0, 1.0)])
 def test_scale_is_counted_in(scale: tuple[float, float, float]) -> None:
     holder, applied = hills(), hills()
@@ -114,9 +108,6 @@ def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
     large.scale = (3.0, 3.0, 3.0)
     [shared, _] = subdivide(holder, large, tolerance=0.01, tolerance_mode="RELATIVE")
     assert addon.bounds(shared).max() == pytest.approx(3 * addon.bounds(relative).max())
-
-
-# Several objects, and Edit Mode.
 
 
 @pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
@@ -195,9 +186,6 @@ def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> No
     assert not [kept for kept in gc.get_objects() if isinstance(kept, work)]
 
 
-# Modifiers and shape keys.
-
-
 def test_what_was_counted_in_is_taken_off_the_result() -> None:
     holder = scene.add_object(meshes.landscape(4, 4))
     holder.modifiers.new("Mirror", "MIRROR")
@@ -261,9 +249,6 @@ def test_shape_keys_stay_unless_modifiers_are_applied_with_them_and_their_mix_is
     [result] = subdivide(holder, tolerance=ROUGH)
     assert result.data.shape_keys is None
     assert "Hills: its shape keys are applied" in capfd.readouterr().out
-
-
-# All results are placed, or none
 
 
 placing = addon.module("operators.place_results")
@@ -347,9 +332,6 @@ def test_giving_up_on_the_way_leaves_everything(
         begun.close()
 
 
-# Many objects at once
-
-
 # Of each kind, so that all together are evaluated in two groups.
 COUNT = 4
 BATCHES = 2
@@ -405,9 +387,6 @@ def test_the_scene_is_evaluated_a_few_times_and_each_has_its_own_result(
         alone.modifiers.new("Bevel", "BEVEL").segments = 4
         addon.compute(alone, tolerance=0.1, tolerance_mode=bpy.context.scene.ccdepth.tolerance_mode)
         assert addon.depths(alone).tolist() == expected.tolist()
-
-
-# Objects that are scaled unevenly, sheared or flattened
 
 
 def folded_unless_flattened(data: meshes.MeshData, name: str = "Mesh") -> bpy.types.Object:

@@ -77,9 +77,6 @@ def read_arrays(holder: bpy.types.Object, *, use_modifiers: bool = False) -> Pol
     return module.read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers).topology.arrays
 
 
-# Nothing fails, and nothing is lost.
-
-
 TURNS = list(product(range(len(DOMAINS)), (False, True)))
 
 
@@ -122,9 +119,6 @@ def is_kept_to_itself(name: str, data_type: str, domain: str) -> bool:
     kinds = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}
     flag, _, element = name.rpartition("_")
     return flag in {".select", ".hide"} and (data_type, kinds[element]) == ("BOOLEAN", domain)
-
-
-# Creases.
 
 
 def modified(holder: bpy.types.Object) -> np.ndarray:
@@ -190,9 +184,6 @@ def test_vertex_groups_that_the_modifier_takes_for_creases_are_refused(name: str
     scene.add_subdivision(holder, 1).use_creases = False
     [result] = subdivide(holder, tolerance=TOLERANCE)
     assert [group.name for group in result.vertex_groups] == [name]
-
-
-# Names of ours.
 
 
 @pytest.mark.parametrize("modifier", [False, True])

@@ -224,9 +224,6 @@ def touching(mesh: bpy.types.Mesh, domain: str, near: NDArray[np.float32]) -> ND
     return corners if domain == "CORNER" else np.isin(np.arange(len(mesh.vertices)), vertices[corners])
 
 
-# Vertex groups.
-
-
 def test_vertex_groups_are_those_of_the_modifier(comparison: Comparison) -> None:
     holder = scene.add_mesh(comparison.mesh)
     assert [group.name for group in holder.vertex_groups] == ["All", "Some", "Zero", "Empty"]
@@ -250,9 +247,6 @@ def test_an_object_being_edited_is_not_in_the_way() -> None:
     with addon.edit_mode(scene.add_object(meshes.cube())):
         comparison = compare(holder)
     assert sum(0 in weights for weights in full_mesh.weights_of(comparison.mesh)) == len(comparison.mesh.vertices)
-
-
-# Custom normals.
 
 
 def test_custom_normals_are_left_out() -> None:
@@ -294,9 +288,6 @@ def test_exact_normals_take_flat_shading_off_and_nothing_else_of_its_name(data_t
     [result] = subdivide(holder, tolerance=0.1, exact_normals=True)
     kept = result.data.attributes["sharp_face"]
     assert (kept.data_type, kept.domain) == (data_type, domain)
-
-
-# The mesh itself
 
 
 def test_the_new_mesh_is_sound(comparison: Comparison) -> None:

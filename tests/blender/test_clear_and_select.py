@@ -120,9 +120,6 @@ def test_attribute_where_blender_keeps_the_selection(name: str) -> None:
         refuses("select", f"Cube.*: .* “{name}” that is not a selection", depth=0)
 
 
-# What a user has chosen stays
-
-
 # In the order in which Blender lists attributes some come before ours and some after.
 NAMES = (None, "point", "face", "corner", "UVMap")
 
@@ -145,9 +142,6 @@ def test_active_attribute_and_rendered_colour(editing: bool) -> None:
         attributes.default_color_name = "ccdepth_color"
         assert bpy.ops.ccdepth.clear() == {"FINISHED"}
         assert attributes.default_color_name == ""
-
-
-# Edit Mode.
 
 
 def edit_others_than_selected() -> tuple[bpy.types.Object, bpy.types.Object, bpy.types.Object]:
@@ -210,9 +204,6 @@ def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: b
     edited.hide_set(False)
     bpy.context.view_layer.objects.active = edited
     bpy.ops.object.mode_set(mode="OBJECT")
-
-
-# Undo and redo
 
 
 def computed() -> None:

@@ -275,9 +275,6 @@ def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: Capture) -> No
         assert escaped in "\n".join(lines)
 
 
-# The examples
-
-
 # What stands in for Blender's own program where there is none.
 STAND_IN = """
 import os, runpy, sys, traceback
@@ -365,9 +362,6 @@ def test_folder_report(cube_file: Path) -> None:
     assert (float(most), float(least)) == (cube.data.ccdepth.deviation, cube.data.ccdepth.deviation_reached)
     assert float(most) < 0.95
     assert by_file["bad.blend"][4]
-
-
-# README
 
 
 README = Path(__file__).resolve().parent.parent.parent / "README.md"

@@ -326,9 +326,6 @@ def test_a_frame_without_a_surface_is_named() -> None:
     assert not holder.data.ccdepth.has_result
 
 
-# --frames: what the command line makes and reports over frames
-
-
 LINE = ("--tolerance", "0.004", "--absolute", "--method", "certified", "--vertices", "control")
 SETTINGS = {"tolerance": 0.004, "method": "CERTIFIED", "vertices": "CONTROL"}
 
@@ -396,9 +393,6 @@ def test_no_frame_and_negative_ones_are_reported(
     assert run(animated, *LINE, *frames, "--json", report) == 0
     assert report_in(report)["files"][0]["objects"][0]["worst_frame"] == worst
     assert run("--verify", report) == 0
-
-
-# Results at another frame: the panel and operators alike take those that no longer hold for out of date
 
 
 def expect(holder: bpy.types.Object, line: str) -> None:

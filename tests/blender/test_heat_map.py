@@ -34,9 +34,6 @@ def appearances() -> snapshot.Snapshot:
     return {path: value for path, value in snapshot.take().items() if path[0] == "viewports"}
 
 
-# What stays as it is.
-
-
 def test_viewports_stay_as_they_are_and_so_does_a_file_that_is_opened_again(tmp_path: Path) -> None:
     before = appearances()
     assert len({path[1:3] for path in before}) > 4
@@ -112,9 +109,6 @@ def test_update_result_does_not_bring_back_what_was_cleared() -> None:
     assert bpy.ops.ccdepth.update(tolerance=0.02, tolerance_mode="ABSOLUTE") == {"FINISHED"}
     assert len(result.data.polygons) > faces
     assert addon.is_untouched([result])
-
-
-# Colours.
 
 
 def oklab(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -201,9 +195,6 @@ def test_colours_are_baked_in_edit_mode_and_not_carried_to_results() -> None:
     assert [each.name for each in result.data.color_attributes] == ["First", "Second"]
     assert result.data.attributes.active_color_name == "Second"
     assert not bpy.ops.ccdepth.bake_colors.poll() or result.data.ccdepth.has_result
-
-
-# What is shown.
 
 
 def drawn(kind: Shown) -> list[Any]:
@@ -302,9 +293,6 @@ def test_attributes_that_are_not_ours_are_not_shown() -> None:
     holder.data.attributes.new("ccdepth", "INT", "FACE")
     [mesh] = read(Shown.DEPTH)
     assert mesh.values.tolist() == 24 * [0]
-
-
-# What is selected.
 
 
 @pytest.mark.parametrize("operator", ["select", "select_worst"])

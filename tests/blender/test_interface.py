@@ -264,9 +264,6 @@ def test_with_less_room_it_shrinks_then_leaves_out_its_notes_and_then_is_not_the
     assert place(depths(), (60, 40)) is None
 
 
-# Numbers as the interface writes them
-
-
 lengths = addon.module("ui.lengths")
 job = addon.module("operators.job")
 
@@ -353,9 +350,6 @@ def test_counts_and_shares() -> None:
         assert panels.share_text(faces, total) == text
 
 
-# The scale of the legend.
-
-
 @pytest.mark.parametrize("top", ["1", "0.0378", "2.5", "999", "4.9999", "1e-7"])
 def test_round_numbers_are_few_and_reach_far(top: str) -> None:
     numbers = contents.round_numbers(Decimal(top))
@@ -376,9 +370,6 @@ def test_marks_have_room_and_the_tolerance_has_one_where_it_is_on_the_scale(top:
     assert min(heights) == (0.0 if top != "40" else pytest.approx(0.025))
     tolerance = [mark.height for mark in marks if mark.note == "tolerance"]
     assert tolerance == ([] if top == "0.5" else [pytest.approx(1 / float(top))])
-
-
-# Work in a thread.
 
 
 def begun(work: Callable[..., object], *, in_threads: bool = True, faults: list[BaseException] | None = None) -> Any:
@@ -449,9 +440,6 @@ def test_work_in_a_thread_can_be_stopped(stop: str) -> None:
             run.run()
 
 
-# Registration
-
-
 HOLDERS = (bpy.types.Scene, bpy.types.Mesh, bpy.types.Object, bpy.types.View3DShading)
 PACKAGE = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
 MENUS = ("VIEW3D_MT_object", "VIEW3D_MT_edit_mesh")
@@ -482,9 +470,6 @@ def test_nothing_is_left_behind_and_everything_comes_back_once() -> None:
     finally:
         package.register()
     assert of_the_add_on() == before
-
-
-# Menus
 
 
 # The manual's sections of buttons and settings.

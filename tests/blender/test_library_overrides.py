@@ -187,9 +187,6 @@ def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: str) -> None:
     assert {*addon.ATTRIBUTES} <= {*holder.data.attributes.keys()}
 
 
-# What Blender does not keep.
-
-
 @pytest.fixture
 def unprotected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Overrides are neither refused nor made local, so that Blender drops what is written to them."""

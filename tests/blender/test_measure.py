@@ -320,9 +320,6 @@ def test_the_heat_map_shows_what_was_done_last() -> None:
     assert settings.heat_map == "NONE"
 
 
-# Select Worst Face
-
-
 def selected(holder: bpy.types.Object) -> np.ndarray:
     return np.flatnonzero([face.select for face in holder.data.polygons])
 

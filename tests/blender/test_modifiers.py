@@ -44,9 +44,6 @@ def displace(holder: bpy.types.Object, strength: float = 5.0) -> bpy.types.Modif
     return modifier
 
 
-# The largest depth of what each face becomes.
-
-
 @pytest.mark.parametrize("kind", ["MIRROR", "ARRAY"])
 def test_each_face_gets_the_largest_depth_of_its_copies(kind: str) -> None:
     """In Edit Mode modifiers count as well."""
@@ -97,9 +94,6 @@ def test_faces_a_modifier_takes_away_need_no_level(capfd: pytest.CaptureFixture[
     assert np.count_nonzero(addon.bounds(holder)) <= len(shown)
     # What is not there needs no level at all, so that is proved to be the least.
     assert holder.data.ccdepth.exact_faces >= len(depths) - len(shown)
-
-
-# What counts.
 
 
 def test_modifiers_count_that_are_above_the_subdivision_and_shown() -> None:
@@ -199,9 +193,6 @@ def test_groups_and_materials_limit_modifiers_in_edit_mode_as_well(limit: Callab
     np.testing.assert_array_equal(addon.bounds(holder), in_object_mode)
 
 
-# Faces that are lost.
-
-
 @pytest.mark.parametrize("kind", ["REMESH", "DECIMATE", "NODES", "CLOTH"])
 def test_modifiers_that_lose_the_faces_are_named(kind: str) -> None:
     holder, other = scene.add_suzanne(), scene.add_object(meshes.cube())
@@ -239,9 +230,6 @@ def test_origins_that_were_averaged_are_not_taken_for_origins() -> None:
     origins = evaluated._read_origins(mesh, name, len(mesh.polygons))
     assert origins[0] == evaluated.NO_ORIGIN
     np.testing.assert_array_equal(origins[1:], np.arange(1, len(mesh.polygons)))
-
-
-# Modifiers of every type this Blender has
 
 
 TYPES = [item.identifier for item in bpy.types.Modifier.bl_rna.properties["type"].enum_items]

@@ -324,9 +324,6 @@ def _results() -> dict[str, list[Any]]:
     return found
 
 
-# What must be so whatever has happened.
-
-
 def _nothing_temporary() -> None:
     for collection in ("objects", "meshes", "shape_keys", "collections", "node_groups"):
         for block in getattr(bpy.data, collection):

@@ -147,9 +147,6 @@ def test_bevelled_primitives_get_few_triangles(primitive: tuple[str, bool]) -> N
     assert faces(result) <= 0.75 * result.data.ccdepth.unreduced_triangles
 
 
-# What stays
-
-
 # Vertices are stored in single precision after a way there and back; the tolerance is for lines as well.
 SLACK = 0.03
 
@@ -295,9 +292,6 @@ def test_small_closed_meshes_do_not_collapse_to_a_doubled_triangle(corners: int)
     assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
 
 
-# Several objects, and how the operator is called
-
-
 def test_several_objects_and_shared_meshes() -> None:
     one = scene.add_object(meshes.cube(), "One")
     other = scene.add_mesh(one.data)
@@ -332,9 +326,6 @@ def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:
     assert faces(result) == faces(plain)
     assert result.data.ccdepth.unreduced_triangles == 0
     assert {*bpy.data.meshes} == {original.data, plain.data, result.data}
-
-
-# What is refused, and what is left behind
 
 
 @pytest.mark.every_blender

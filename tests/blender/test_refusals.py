@@ -118,9 +118,6 @@ def edited_since() -> bpy.types.Object:
     return holder
 
 
-# Out of reach
-
-
 def in_mode(mode: str) -> None:
     addon.select(cube())
     bpy.ops.object.mode_set(mode=mode)
@@ -285,9 +282,6 @@ def test_an_object_that_could_not_be_edited_again_stays_in_edit_mode() -> None:
             bpy.ops.ccdepth.count_faces()
         assert (hidden.mode, other.mode) == ("EDIT", "EDIT")
         hidden.hide_viewport = False
-
-
-# What is no fault
 
 
 def test_other_objects_among_the_selected_and_a_loose_vertex_nowhere_do_not_matter() -> None:

@@ -341,9 +341,6 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path, capfd: Capture) -> None:
     assert "pipe.obj: there is no such file" in said(capfd, pipe, "--json", tmp_path / "report.json")
 
 
-# Several reports made one
-
-
 @pytest.fixture
 def parts(tmp_path: Path) -> Path:
     """A folder with the reports of two files, one of which is not there."""

@@ -39,9 +39,6 @@ def points(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
     return found.reshape(-1, 3)
 
 
-# Values and settings.
-
-
 def test_shape_keys_stay_with_their_settings(comparison: Comparison) -> None:
     old, new = comparison.base.shape_keys, comparison.mesh.shape_keys
     assert new != old
@@ -102,9 +99,6 @@ def test_absolute_keys_keep_their_frames() -> None:
     assert not new.use_relative
     assert new.eval_time == 14.0
     assert [key.frame for key in new.key_blocks] == pytest.approx(frames)
-
-
-# Loose parts.
 
 
 def plane_with_loose_parts(loose_edge: bool = False) -> bpy.types.Object:
@@ -170,9 +164,6 @@ def test_loose_vertices_keep_their_values() -> None:
     for data_type, (name, value) in values.items():
         kept = getattr(result.data.attributes[data_type].data[loose], name)
         assert (kept if name == "value" else tuple(kept)) == value, data_type
-
-
-# Key data-blocks.
 
 
 def check_keys(folder: Path, owners: list[str] | int) -> None:

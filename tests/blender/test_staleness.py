@@ -93,9 +93,6 @@ def creased_source() -> bpy.types.Object:
     return holder
 
 
-# Changes of objects and their meshes.
-
-
 def fill(holder: bpy.types.Object, name: str, values: float, kind: tuple[str, str] | None = None) -> None:
     """Set all values of an attribute, which is new when its type and domain are given."""
     attribute = holder.data.attributes.new(name, *kind) if kind else holder.data.attributes[name]
@@ -303,9 +300,6 @@ def test_depths_of_a_result_do_not_tell_whether_it_is_out_of_date() -> None:
     assert line(settings, result) == ""
 
 
-# What modifiers depend on.
-
-
 def modified(holder: bpy.types.Object, kind: str, **settings: object) -> bpy.types.Modifier:
     set_on(modifier := holder.modifiers.new("Modifier", kind), **settings)
     return modifier
@@ -430,9 +424,6 @@ def test_what_shapes_the_source_is_noticed(shape: str) -> None:
     made = made_of(source)
     change(thing)
     assert made.lines() == stale(ALL if shape != "where nodes are drawn" else "")
-
-
-# Edit Mode, files and undo.
 
 
 def test_edit_mode_is_followed() -> None:

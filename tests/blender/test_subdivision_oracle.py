@@ -121,9 +121,6 @@ def test_points_are_where_the_modifier_has_them(name: str) -> None:
     assert distances.max() <= APPROXIMATED * size
 
 
-# UV maps
-
-
 UV_LEVEL = 2
 
 # Single precision: a level rounds weights, their products and the sum, each worth an ulp or so of the largest UV.

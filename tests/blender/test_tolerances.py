@@ -214,9 +214,6 @@ def test_a_fraction_with_too_many_digits_for_its_field_is_told_in_full(cube: bpy
         assert text().startswith(begins)
 
 
-# Find Tolerance
-
-
 def hills() -> meshes.MeshData:
     return meshes.landscape(4, 4)
 
@@ -270,9 +267,6 @@ def test_too_few_faces_are_refused() -> None:
     refuses("find_tolerance", "Even undivided there would be more than 100 faces", face_budget=100)
     refuses("find_tolerance", "The Face Limit is 500; raise it first", face_budget=1000, max_faces=500)
     refuses("subdivide", "no tolerance would fit", max_faces=100)
-
-
-# Count Faces, and the Face Limit
 
 
 def test_objects_that_share_a_mesh_have_one_count() -> None:

@@ -34,9 +34,6 @@ def move_to_another_scene(holder: bpy.types.Object) -> None:
     bpy.context.scene.collection.objects.unlink(holder)
 
 
-# What is made.
-
-
 @pytest.mark.parametrize(
     "settings",
     [
@@ -130,9 +127,6 @@ def test_shape_keys_of_the_source_come_along() -> None:
     refuses("update", "shape keys", reduce=True)
 
 
-# Which results.
-
-
 def test_several_results_and_a_duplicate_of_one_are_updated_together() -> None:
     sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.landscape(4, 4), "Two")]
     one, two = subdivide(*sources, tolerance=0.1)
@@ -214,9 +208,6 @@ def test_a_deleted_source_is_in_the_file_as_long_as_its_result_is() -> None:
     addon.select(result)
     assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
     assert result.ccdepth.source.visible_get()
-
-
-# What is refused.
 
 
 def test_without_results_there_is_nothing_to_update() -> None:
@@ -301,9 +292,6 @@ def test_a_linked_result_is_refused_and_an_appended_one_brings_its_source(tmp_pa
     refuses("update", "linked from another file")
 
 
-# Results as control meshes.
-
-
 def test_a_result_is_not_subdivided_without_asking() -> None:
     _, result = made_result()
     refused(result, match="Update Result to make it anew")
@@ -319,9 +307,6 @@ def test_a_result_is_not_subdivided_without_asking() -> None:
     subdivide(again, output="IN_PLACE", subdivide_results=True)
     assert again.ccdepth.source is None
     assert not bpy.ops.ccdepth.update.poll()
-
-
-# Before / After swaps what is hidden
 
 
 def visible(*objects: bpy.types.Object) -> list[tuple[bool, bool, bool]]:

@@ -208,9 +208,6 @@ def test_reports_say_which_vertices_each_object_has(
     assert run("--verify", report) == (0 if asked == "limit" else 1)
 
 
-# Files of 308a89a
-
-
 @pytest.fixture
 def opened(tmp_path: Path) -> Iterator[dict[str, bpy.types.Object]]:
     """The objects of the file, opened from a copy, by name."""

@@ -4,8 +4,6 @@
 Trees, leaves and their bounds are judged by the meshes that are made of them.
 """
 
-from __future__ import annotations
-
 import time
 import tracemalloc
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Arrays in chunks, and tasks on several threads."""
 
-from __future__ import annotations
-
 import time
 from itertools import count, pairwise
 
@@ -21,9 +19,6 @@ def test_chunks_cover_everything_once_and_in_order(total: int, size: int) -> Non
     for parts in ([indices[chunk] for chunk in chunks(total, size)], [*index_chunks(indices, size)]):
         assert [entry for part in parts for entry in part.tolist()] == indices.tolist()
         assert all(0 < len(part) <= size for part in parts)
-
-
-# Threads
 
 
 def test_results_come_in_order() -> None:

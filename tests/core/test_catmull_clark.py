@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Subdivision and limit positions without Blender: provenance, invariants, and the limit as a limit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -45,9 +43,6 @@ def build(name: str, *, smooth_corners: bool = True) -> PolygonMesh:
 
 
 every_mesh = pytest.mark.parametrize("name", MESHES)
-
-
-# The boundary rule
 
 
 @pytest.mark.parametrize("smooth_corners", [True, False])
@@ -106,9 +101,6 @@ def test_whole_sharpness_is_infinite_for_so_many_steps(steps: int) -> None:
         nets.refined(semi, steps).positions, nets.refined(sharp, steps).positions, rtol=0, atol=ROUNDING
     )
     assert not has_semi_sharp(nets.refined(semi, steps)).any()
-
-
-# The limit
 
 
 @every_mesh

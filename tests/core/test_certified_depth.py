@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The certified depth against brute force, and its formulas against splines refined step by step."""
 
-from __future__ import annotations
-
 import tracemalloc
 from contextlib import suppress
 from dataclasses import replace
@@ -15,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
-from ccdepth_addon.core.bounds.rounding import smallest_tolerance
+from ccdepth_addon.core.bounds.rounding import rounding_allowance, smallest_tolerance
 from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
@@ -169,3 +167,18 @@ def test_tolerances_that_are_the_distance(vertices: str, distance: float) -> Non
         tracemalloc.stop()
         assert np.all(found.depths <= level + 1)
         assert peak < 400e6
+
+
+def test_rounding_decides_no_level() -> None:
+    """Quads of a paraboloid z = (x² + y²) / 8 are off by 1/16 at their middles, and by a quarter of it at level 1."""
+    mesh = build(meshes.bent(meshes.grid(5, 5), lambda x, y, _: (x, y, (x * x + y * y) / 8)))
+    distance, allowance, middle = 1 / 64, rounding_allowance(mesh), 12
+    for beyond, depth, is_exact in (
+        (-2.0, 2, True),
+        (-0.5, 2, False),
+        (0.0, 2, False),
+        (0.5, 2, False),
+        (2.0, 1, True),
+    ):
+        found = certified(mesh, distance + beyond * allowance, "LIMIT")
+        assert (found.depths[middle], found.exact[middle]) == (depth, is_exact), beyond

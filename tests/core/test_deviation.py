@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Deviations against dense samples of both sides, and against distances that are known."""
 
-from __future__ import annotations
-
 import tracemalloc
 from functools import cache
 
@@ -127,9 +125,6 @@ def test_the_surface_is_as_near_to_its_pieces_and_their_triangles_as_said(name: 
 def saddle() -> meshes.MeshData:
     """Inside, the surface is bilinear over every face: its triangles are off by all of what is said."""
     return meshes.bent(meshes.grid(5, 5), lambda x, y, _: (x, y, x * y))
-
-
-# Distances that are known
 
 
 @pytest.mark.parametrize("count", each([20, 60], [20]))

@@ -2,8 +2,6 @@
 """Faces of which no lesser depth is enough: a point of the surface is too far from the whole mesh at every lesser
 level, by distances to all of its triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,8 +2,6 @@
 """Distances of whole meshes at a level, both ways, against dense samples: every kind of face, and meshes made to break
 what the bounds rest on."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -14,9 +12,9 @@ import pytest
 
 from ccdepth_addon.core.arrays.types import BoolArray, FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.depth import distance_depth
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
-from ccdepth_addon.core.depth.distance_depth import MOST_WITH_BOUNDS
 from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
 from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
@@ -183,6 +181,21 @@ def test_faces_of_depth_0_have_the_least_possible_depth() -> None:
     assert np.all(found.exact[found.depths == 0])
 
 
+@pytest.mark.parametrize("name", ["bevelled prism", "folded"])
+@pytest.mark.parametrize("tolerance", [0.0057, 0.0165])
+def test_deepest_depths_of_large_meshes_are_proved(
+    name: str, tolerance: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where estimates find a level to be enough that is not."""
+    mesh, size = case(name, 1)
+    plain = face_depths(mesh, tolerance * size, "DISTANCE", "CONTROL")
+    monkeypatch.setattr(distance_depth, "MOST_OF_A_MESH", 0)
+    found = face_depths(mesh, tolerance * size, "DISTANCE", "CONTROL")
+    assert np.all(found.bounds <= tolerance * size)
+    assert np.all(found.depths >= plain.depths)
+    assert found.depths.max() == plain.depths.max()
+
+
 def terraces(size: int) -> PolygonMesh:
     """Steps with two lines of the grid close together at each."""
 
@@ -196,7 +209,7 @@ def terraces(size: int) -> PolygonMesh:
 
 def test_a_mesh_of_many_faces_needs_no_deeper_level_than_a_part_of_it() -> None:
     part, whole = (face_depths(terraces(size), 0.01, "DISTANCE", "LIMIT") for size in (12, 42))
-    assert len(whole.depths) > 3 * MOST_WITH_BOUNDS
+    assert len(whole.depths) > 3 * distance_depth.MOST_WITH_BOUNDS
     assert part.depths.max() == whole.depths.max() == 2
     assert np.all(whole.bounds <= 0.01)
     assert uniform_level(terraces(42), 0.01, "DISTANCE", "LIMIT", whole.depths, lasting=whole.lasting) == 2

@@ -2,8 +2,6 @@
 """The limit surface at given points against the limits of the vertices of refined meshes, which use no patches;
 and its normals."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Depths of faces: the published numbers and formulas, every kind of face, and what must not matter."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from functools import cache, reduce
@@ -16,13 +14,7 @@ import pytest
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Method, Vertices, first_order_rate
 from ccdepth_addon.core.bounds.rounding import rounding_allowance, smallest_tolerance
-from ccdepth_addon.core.depth.face_depths import (
-    METHODS,
-    VERTICES,
-    DepthResult,
-    ToleranceError,
-    face_depths,
-)
+from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, DepthResult, ToleranceError, face_depths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
@@ -45,9 +37,6 @@ LEVELS = 4
 def pole_mesh(valence: int, bumps: float = 0.1) -> PolygonMesh:
     """A closed mesh of quads with one extraordinary corner each at the most, of valence 3 or ``valence``."""
     return nets.refined(build(meshes.bumpy(meshes.trapezohedron(valence), bumps)), 1)
-
-
-# The published numbers
 
 
 def test_printed_examples() -> None:
@@ -100,9 +89,6 @@ def test_a_flat_regular_grid_needs_nothing(method: str, vertices: str) -> None:
         for bounds in (result.bounds, level_bounds(mesh, tolerance, method, vertices, 0)):
             assert np.all(bounds < 1e-9)
             assert np.all((bounds[inside] >= allowance) & (bounds[inside] < 2 * allowance))
-
-
-# Every kind of face
 
 
 QUADS = [name for name, data in meshes.AWKWARD.items() if np.all(data().face_sizes == 4)]
@@ -288,9 +274,6 @@ def test_progress_rises_to_the_end_and_may_stop_it(method: str, vertices: str) -
     np.testing.assert_array_equal(result.bounds, expected.bounds)
     for array, copy in zip(arrays, before, strict=True):
         np.testing.assert_array_equal(array, copy)
-
-
-# Bad input
 
 
 @every_method

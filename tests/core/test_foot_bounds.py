@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bounds by feet against dense samples of whole surfaces, both ways, at several levels; and of single faces."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,7 +16,7 @@ from ccdepth_addon.core.distance.foot_bounds import foot_bounds
 from ccdepth_addon.core.distance.leaf_feet import leaf_feet
 from ccdepth_addon.core.distance.middle_distances import middle_distances, rates_of
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.patches import regular_nets
+from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, regular_nets
 from tests import meshes, nets
 from tests.brute_force import SQUARE
 from tests.drawn_levels import largest_around, points_of, sampled
@@ -134,9 +132,6 @@ def test_bounds_hold_on_any_closed_surface(seed: int, size: float, vertices: Ver
     """Folded and self-intersecting ones as well."""
     mesh = smooth(meshes.bumpy(meshes.torus(5, 4), size, seed), 1)
     assert_holds(mesh, vertices, np.random.default_rng(seed).random(mesh.face_count) < 0.5)
-
-
-# Single faces
 
 
 GRID = np.stack(np.meshgrid(np.arange(-1.0, 3.0), np.arange(-1.0, 3.0), indexing="ij"), axis=-1)
@@ -307,3 +302,16 @@ def test_points_near_the_middle_are_as_far_from_a_level_over_their_face_as_said(
         # Where nothing is known of how far the level's points are apart.
         assert not np.any(middle_distances(net, 0 * rates, level, vertices))
         assert np.all(found <= off.reshape(4, -1).max(axis=0) * (1 + 1e-9))
+
+
+def test_faces_beside_others_than_regular_ones_have_no_feet() -> None:
+    """Feet may go where nothing is known of the curvature."""
+    mesh = meshes.build(meshes.fan(5, 5))
+    patches = classify_patches(mesh)
+    others = patches.kinds != PatchKind.REGULAR
+    is_beside = np.zeros(mesh.face_count, dtype=bool)
+    is_beside[mesh.corner_faces[np.isin(mesh.corner_vertices, mesh.corner_vertices[others[mesh.corner_faces]])]] = True
+    feet = FaceFeet.of(mesh, Vertices.CONTROL, np.zeros(mesh.face_count, dtype=bool), lambda: None)
+    inside = np.flatnonzero(~others & patches.inside)
+    np.testing.assert_array_equal(np.isfinite(feet.curvature[feet.places[inside]]), ~is_beside[inside])
+    assert 0 < np.count_nonzero(is_beside[inside]) < len(inside)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Leaves as they may be drawn, over a surface of which all distances are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -7,8 +7,6 @@ a linear program for each, apart from the certificates of ``proofs``. Points in 
 on the direction of the largest value.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -63,9 +61,6 @@ every_valence = pytest.mark.parametrize("valence", [3, 5, 6, 7, 8, 9, 10, 11, 12
 
 # Rounding of sums of some products of values around 1, where faces are flat.
 ROUNDING = 1e-13
-
-
-# Largest values of functionals
 
 
 # What HiGHS leaves unsatisfied of a constraint, relative to coefficients of about 1.
@@ -203,9 +198,6 @@ def test_regular_facets_reach_their_distance_and_no_more(vertices: str, level: i
     assert bounds_of("SECOND_ORDER", 4, 1, vertices).at(level)[0] == pytest.approx(factor)
 
 
-# First order
-
-
 @every_valence
 def test_first_order_norm_shrinks_as_derived(valence: int) -> None:
     edges = nets.edge_matrix(valence)
@@ -224,9 +216,6 @@ def test_facets_lie_within_the_first_order_distance(valence: int, vertices: str)
     for level in range(3 if valence == 4 else 2):
         found = worst_of(distance_stencils(valence, level, vertices), nets.edge_matrix(valence))[0]
         assert found <= bounds.at(level)[0] + PROGRAM_TOLERANCE
-
-
-# Random nets, and faces without a patch
 
 
 @given(
@@ -313,9 +302,6 @@ def test_faces_on_grids_stay_within_the_bound_of_their_nets(seed: int, vertices:
     assert np.all(bounds[on_grids] < 0.02)
 
 
-# Sharp: rates and factors from tables
-
-
 @pytest.mark.parametrize("valence", [3, 5, 8, 17, 64])
 def test_tabled_rates_are_the_least(valence: int) -> None:
     differences = nets.difference_matrix(valence)
@@ -370,9 +356,6 @@ def test_sharp_bounds_fall_with_every_level_and_lie_below_the_published(vertices
         assert np.all(sharp < published)
     sharp, published = (bounds_of(method, max(RATES) + 1, 1, vertices) for method in ("SHARP", "SECOND_ORDER"))
     assert all(sharp.at(level) == published.at(level) for level in range(5))
-
-
-# Norms against the differences they are defined by
 
 
 # Sums of three numbers of some ten, in any order.

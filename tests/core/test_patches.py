@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Control nets: which points they hold, and that the surface they stand for is the limit surface."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 
@@ -54,9 +52,6 @@ def test_quads_beside_triangles_are_irregular() -> None:
     beside = np.array([bool({a, b, c, d} & set(face)) for face in faces] + [True, True])
     kinds = classify_patches(mesh).kinds
     np.testing.assert_array_equal(kinds, np.where(beside, PatchKind.IRREGULAR, PatchKind.REGULAR))
-
-
-# Phantom points: the net of a boundary, crease or corner face is the surface's
 
 
 def spline_points(net: np.ndarray, places: np.ndarray) -> np.ndarray:

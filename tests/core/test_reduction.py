@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The search for few triangles, with meshes that are known to be near enough or too far off."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Places in shells, piece by piece: pieces moved anywhere, against distances by quadratic programming."""
 
-from __future__ import annotations
-
 from itertools import combinations_with_replacement
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pieces of the surface over the triangles of templates: all of it is there, over the right triangles; and sheets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

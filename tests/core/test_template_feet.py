@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Leaves of several sizes that have bounds by feet, against dense samples of whole surfaces, both ways."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import comb
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Distances to thin triangles against rational numbers: what Measure Deviation reaches is really there."""
 
-from __future__ import annotations
-
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
@@ -54,10 +52,7 @@ def thin_triangles(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     feet = np.einsum("ns,nsi->ni", shares, flat)
     feet[:, 2] = random.choice([0.0, 1.0], count) * 10 ** random.uniform(-12, 0, count)
     origin = random.uniform(-1, 1, (count, 3))
-    return (
-        np.einsum("nij,nj->ni", turns, feet) + origin,
-        np.einsum("nij,nkj->nki", turns, flat) + origin[:, None],
-    )
+    return (np.einsum("nij,nj->ni", turns, feet) + origin, np.einsum("nij,nkj->nki", turns, flat) + origin[:, None])
 
 
 @given(st.integers(0, 2**32))

@@ -2,8 +2,6 @@
 """All faces at one level, and the first level at which all of them are within the tolerance; and depths
 over several poses."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import pairwise
 
@@ -12,13 +10,7 @@ import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.depth.common_level import common_level
-from ccdepth_addon.core.depth.face_depths import (
-    DepthResult,
-    ToleranceError,
-    check_pose,
-    face_depths,
-    uniform_level,
-)
+from ccdepth_addon.core.depth.face_depths import DepthResult, ToleranceError, check_pose, face_depths, uniform_level
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
 from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths, raised_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
@@ -120,9 +112,6 @@ def test_limit_vertices_take_a_level_at_least() -> None:
     assert [uniform_level(mesh, 0.1, "CERTIFIED", vertices) for vertices in ("CONTROL", "LIMIT")] == [0, 1]
 
 
-# What Use Limit Surface needs
-
-
 @pytest.mark.parametrize(("crease", "sharpness"), [(0.3, 1), (0.7, 5), (0.9, 9), (0.99, 10)])
 def test_quality_reaches_the_level_and_the_end_of_the_sharpness(crease: float, sharpness: int) -> None:
     mesh = build(meshes.cube_creased_around_the_top(crease))
@@ -139,6 +128,13 @@ def test_corners_of_an_open_mesh_need_more() -> None:
     assert needed_quality(smooth, 1, 0.01) == 6
     assert needed_quality(kept, 1, 0.01) == 1
     assert needed_quality(smooth, 1, 1e-7) > MOST_QUALITY
+
+
+def test_faces_at_such_corners_keep_a_margin() -> None:
+    """A sixty-fourth of the tolerance."""
+    mesh = build(meshes.with_heights(meshes.grid(1, 1), [0.0, 0.5, 0.2, 0.0]))
+    bound = level_bounds(mesh, 10.0, "SECOND_ORDER", "LIMIT", 2)[0]
+    assert [uniform_level(mesh, each * bound, "SECOND_ORDER", "LIMIT") for each in (1.01, 1.03)] == [3, 2]
 
 
 # Several poses of a mesh, against single poses and brute force
@@ -201,6 +197,16 @@ def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vert
         assert np.all(farthest <= found.bounds[shallow] + ROUNDING)
         if level < LEVELS:
             assert np.all(sampled[:, level] <= np.array([[pose.tolerance] for pose in poses]) + ROUNDING)
+
+
+def test_what_lasts_in_one_pose_alone_does_not_last() -> None:
+    mesh = build(meshes.landscape(4, 4))
+    poses = [pose_of(mesh, share * mesh.positions, 0.05) for share in (0.5, 1.0)]
+    first, second = singles(poses, "DISTANCE", "CONTROL")
+    found = pose_depths(poses, "DISTANCE", "CONTROL")
+    once = (first.depths == second.depths) & first.lasting & ~second.lasting
+    assert once.any()
+    assert not found.lasting[once].any()
 
 
 @pytest.mark.parametrize("name", NAMES)

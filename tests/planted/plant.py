@@ -6,8 +6,6 @@ the tests that should catch it, and where these pass the whole suite. The exit s
 its line has gone. A copy is of the files that git knows, as they are in the checkout.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

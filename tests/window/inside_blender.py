@@ -11,8 +11,6 @@ again with; one that ends in ``.change`` holds a relative tolerance for the scen
 that ends in ``.state`` holds the name of a state of the 3D View.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -5,8 +5,6 @@
 nothing to test. ``CCDEPTH_SCREENSHOT`` names a PNG file to keep what the window looks like at the end.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
