@@ -213,6 +213,7 @@ def test_a_mesh_of_many_faces_needs_no_deeper_level_than_a_part_of_it() -> None:
     assert part.depths.max() == whole.depths.max() == 2
     assert np.all(whole.bounds <= 0.01)
     assert uniform_level(terraces(42), 0.01, "DISTANCE", "LIMIT", whole.depths, lasting=whole.lasting) == 2
+    assert pose_depths([Pose(partial(terraces, 42), 0.01)] * 2, "DISTANCE", "LIMIT").depths.max() == 2
 
 
 @pytest.mark.parametrize("tolerance", each([0.003, 0.01], short=[0.01]))

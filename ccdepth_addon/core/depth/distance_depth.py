@@ -95,7 +95,10 @@ def distance_bounds_at(
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     for level in np.unique(levels[faces]).tolist():
         places = np.flatnonzero(levels[faces] == level)
-        bounds, lasting, _ = some.at(level, places)
+        bounds, lasting, is_passed = some.at(level, places)
+        passed = np.flatnonzero(is_passed)
+        if len(passed) <= MOST_DEEPEST:
+            bounds[passed] = some.by_leaves_within(level, places[passed])
         yield LevelBounds(faces[places], bounds + test.allowance, lasting)
 
 
@@ -165,11 +168,15 @@ class _SomeFaces:
             is_passed[has_bound] = self.feet.likely(np.flatnonzero(has_bound), level, self.shown(level)) <= self.limit
             is_open[has_bound] = False
         left = places[is_open[places]]
-        bounds[left] = np.concatenate(
-            [np.zeros(0), *(each.bounds for each in self.by_leaves(self.faces[left], level, are_joined=False))]
-        )
+        bounds[left] = self.by_leaves_within(level, left)
         bounds[bounds > self.limit] = np.inf
         return bounds[places], lasting[places], is_passed[places]
+
+    def by_leaves_within(self, level: int, places: IndexArray) -> FloatArray:
+        """(m,): bounds of the faces at some places (m,), by their leaves at a level; infinite beyond the limit."""
+        blocks = self.by_leaves(self.faces[places], level, are_joined=False)
+        bounds = np.concatenate([np.zeros(0), *(block.bounds for block in blocks)])
+        return np.where(bounds <= self.limit, bounds, np.inf)
 
     def lower_deepest(self, whole: FaceDepths, passed: IndexArray) -> None:
         """Lower the deepest depths of the faces to the least level that the others allow, and that leaves prove.
