@@ -156,8 +156,6 @@ class RectangleTree:
         """(nodes,) bool: whether nodes are quads, as all are but control faces of other sizes."""
         return self.slot_counts(nodes) == 4
 
-    # Where nodes and vertices are
-
     def vertex_points(self, vertices: IndexArray) -> SurfacePoints:
         """The points of vertices on the surface; corner NONE for vertices without faces."""
         return self._surface_points(self._vertex_corners.values[vertices], self._vertex_parameters.values[vertices])
@@ -204,8 +202,6 @@ class RectangleTree:
         corners[own] += quarters
         parameters[own] = 2 * (parameters[own] - COMPLEX_POINTS[quarters]) * COMPLEX_SIDES[quarters].conj()
         return SurfacePoints(corners, parameters.view(np.float64).reshape(-1, 2))
-
-    # How leaves are connected
 
     def hanging(self, slots: IndexArray) -> BoolArray:
         """Whether the sides at slots are split; arrays of any shape."""
@@ -265,8 +261,6 @@ class RectangleTree:
     def children(self, nodes: IndexArray) -> IndexArray:
         """The children of nodes that have been split, node by node."""
         return ranges(self.first_child[nodes].astype(np.intp), self._child_counts.values[nodes].astype(np.intp))
-
-    # Splits
 
     def split(self, nodes: IndexArray, way: int) -> None:
         """Split leaves, each once, all in the same way: into quarters (``QUARTERS``), or quads into halves."""
