@@ -199,9 +199,6 @@ def test_of_faces_without_area_are_not_nan() -> None:
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=0, atol=1e-14)
 
 
-# Limits of the vertices that a step makes, from their rings
-
-
 # Sums of some twenty terms in double precision, of coordinates up to about 10.
 ROUNDING = 1e-13
 

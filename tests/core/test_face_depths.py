@@ -336,9 +336,6 @@ def test_unknown_names_are_refused() -> None:
     assert set(VERTICES) == {Vertices.CONTROL, Vertices.LIMIT}
 
 
-# Work on poles of very many faces can be stopped
-
-
 # Seconds of processor time: ten times what was measured, and a fifth of what it was with a report for each level.
 LONGEST = 1.0
 

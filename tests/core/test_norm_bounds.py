@@ -155,9 +155,6 @@ def fan_positions(valence: int) -> FloatArray:
     return np.stack([radii * np.cos(angles), -radii * np.sin(angles), 0 * radii], axis=1)
 
 
-# Second order: Lemmas 1, 2, 4 and 7, and their limit-vertex forms
-
-
 @every_valence
 @both_vertices
 def test_facets_lie_within_the_second_order_distance(valence: int, vertices: str) -> None:

@@ -74,6 +74,19 @@ def test_no_point_of_a_piece_is_farther_than_its_bound(bumps: float, size: float
     assert np.all(off.reshape(points.shape[:2]).max(axis=1) <= bounds[placed] * (1 + 1e-9) + 1e-12)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_no_prism_is_turned_inside_out(seed: int) -> None:
+    """At either end of its range its triangle faces the way of the vectors at all three corners."""
+    shell = landscape(0.5, seed, limit=10.0)
+    count = len(shell.ranges)
+    corners, vectors = shell.triangles.corners[:count], shell.triangles.vectors[:count]
+    for ends in (shell.ranges, -shell.ranges):
+        a, b, c = (corners + ends[:, None, None] * vectors).swapaxes(0, 1)
+        faces = np.einsum("nd,nkd->nk", np.cross(b - a, c - a), vectors)
+        assert np.all(faces[shell.ranges > 0] > 0)
+    assert np.count_nonzero(shell.ranges) > count / 2
+
+
 def test_most_pieces_that_are_near_have_places() -> None:
     shell = landscape(0.05, 1)
     inside = ~np.any(shell.is_border[shell.triangles.vertices], axis=1)

@@ -137,9 +137,6 @@ def test_faces_at_such_corners_keep_a_margin() -> None:
     assert [uniform_level(mesh, each * bound, "SECOND_ORDER", "LIMIT") for each in (1.01, 1.03)] == [3, 2]
 
 
-# Several poses of a mesh, against single poses and brute force
-
-
 # Single poses are bounded without scaling them by the tolerance, which rounds otherwise.
 SCALING = 1e-9
 
