@@ -243,9 +243,6 @@ def bipyramid(sides: int) -> MeshData:
     return sphere(sides, 2)
 
 
-# Non-manifold and other awkward ones
-
-
 def welded(data: MeshData, other: MeshData, pairs: dict[int, int]) -> MeshData:
     """Both meshes in one, vertex ``b`` of the other being vertex ``a`` of the first for each ``b: a`` in ``pairs``."""
     count = len(data.positions)

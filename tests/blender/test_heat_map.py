@@ -72,6 +72,15 @@ def test_an_old_file_gets_its_viewports_back_once_and_clear_removes_its_colours(
     assert holder.data.attributes.active_color_name == ""
 
 
+def test_what_was_changed_since_an_old_version_switched_a_viewport_stays() -> None:
+    shading = views()[0].shading
+    memory = shading.ccdepth
+    memory.is_switched, memory.previous_color_type, memory.previous = True, "MATERIAL", '{"shading.light": "STUDIO"}'
+    shading.color_type, shading.light = "RANDOM", "FLAT"
+    addon.module("state.viewports").put_back_all()
+    assert (shading.color_type, shading.light) == ("RANDOM", "STUDIO")
+
+
 def exported(path: Path) -> bytes:
     if path.suffix == ".glb":
         bpy.ops.export_scene.gltf(filepath=str(path), use_selection=True)

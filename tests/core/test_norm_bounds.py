@@ -97,9 +97,6 @@ def worst_of(functionals: FloatArray, differences: FloatArray) -> tuple[float, F
     return found, net
 
 
-# Stencils: rows of weights over the points of a net
-
-
 @cache
 def level_one(valence: int) -> tuple[FloatArray, FloatArray]:
     """The nets of face 0's children as stencils: the extraordinary (2n + 8, D) and the regular ones (4, 4, 3, D)."""

@@ -55,12 +55,12 @@ def distance_depths(
     passed = np.full(len(faces), NO_LEVEL)
 
     def found(places: IndexArray, level: int) -> FaceDepths:
-        # Before that, bounds are without the allowance.
+        # Until then, bounds are without the allowance.
         if level:
             whole.exact[places] = disproved.all_before(level, faces[places], tick)
-        some = FaceDepths(*(column[places] for column in vars(whole).values()))
-        some.bounds[:] += test.allowance
-        return some
+        chosen = FaceDepths(*(column[places] for column in vars(whole).values()))
+        chosen.bounds[:] += test.allowance
+        return chosen
 
     left = np.arange(len(faces))
     level = 0
