@@ -472,8 +472,6 @@ def with_heights(data: MeshData, heights: list[float]) -> MeshData:
     return replace(data, positions=np.column_stack([data.positions[:, :2], heights]))
 
 
-# Every kind of face, by name
-
 AWKWARD: dict[str, Callable[[], MeshData]] = {
     "cube": cube,
     "triangles": lambda: bumpy(bipyramid(7), 0.1),

@@ -2,6 +2,7 @@
 """The command line's files: which are read and written, how long their units are, what stays untouched, and what is
 refused as an output, because something would be lost or a report could not be verified."""
 
+import csv
 import os
 import stat
 from pathlib import Path
@@ -158,7 +159,8 @@ def test_formats_that_are_read_alone_give_the_depths_of_the_blend_file(tmp_path:
 
 def test_chosen_objects_alone(tmp_path: Path, capfd: Capture) -> None:
     path, output = save_cubes(tmp_path / "cubes.blend", "One", "-Two", "Three"), tmp_path / "out.blend"
-    scene.add_collection("Some", bpy.data.objects["One"], bpy.data.objects["-Two"])
+    inner = scene.add_collection("Inner", bpy.data.objects["-Two"])
+    scene.add_collection("Some", bpy.data.objects["One"]).children.link(inner)
     scene.add_collection("Empty")
     scene.add_collection("Excluded", scene.add_object(meshes.cube(), "Four"), alone=True)
     bpy.context.view_layer.layer_collection.children["Excluded"].exclude = True
@@ -275,8 +277,11 @@ def test_a_number_of_faces(tmp_path: Path) -> None:
 def test_measuring_says_whether_the_tolerance_is_met(tmp_path: Path, capfd: Capture) -> None:
     """The limit surface of a cube of 2 m passes √3/2 m inside of its corners."""
     path, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out.blend"
-    assert run(path, "--measure", "--absolute", "--tolerance", "1.1") == 0
-    assert "within the tolerance" in capfd.readouterr().out
+    assert run(path, "--measure", "--absolute", "--tolerance", "1.1", "--csv", tmp_path / "table.csv") == 0
+    printed = capfd.readouterr().out
+    assert "within the tolerance" in printed
+    [row] = csv.DictReader((tmp_path / "table.csv").read_text(encoding="utf-8").splitlines())
+    assert float(printed.partition("at least ")[2].split()[0]) <= float(row["measured_reached_m"])
     assert run(path, "--measure", *LIMIT, "--output", output) == 1
     printed = capfd.readouterr()
     assert "not within the tolerance" in printed.out

@@ -236,9 +236,6 @@ def test_bounds_are_never_rounded_down() -> None:
     assert np.all(single <= bounds * (1 + np.finfo(np.float32).eps))
 
 
-# Depths by distance: what they take Blender to draw; the method as it is chosen and stored, and that it is the default.
-
-
 # Triangles that are looked for.
 SOME = 1000
 

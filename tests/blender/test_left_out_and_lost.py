@@ -218,9 +218,6 @@ def test_a_broken_file_is_named_in_a_line(tmp_path: Path, capfd: Capture) -> Non
     assert "Traceback" not in told
 
 
-# Scripted drivers: one policy for a run, and no certificate of a shape that was not evaluated
-
-
 QUICK = ("--relative", "--tolerance", "0.02", "--method", "second-order")
 # Not a simple expression, so that Python has to run.
 EXPRESSION = "__import__('pathlib').Path({!r}).touch() or 3.0"

@@ -83,6 +83,8 @@ def test_the_tolerance_is_met_or_not_or_nothing_is_decided(capfd: pytest.Capture
         printed = capfd.readouterr().out
         assert "Deviation at most " in printed
         assert f"{words} tolerance of {tolerance:g} m" in printed
+        least = float(printed.partition("at least ")[2].split()[0])
+        assert least <= holder.data.ccdepth.deviation_reached * (1 + 1e-6)
     # Nearer to what is reached than the accuracy would tell.
     for part, verdict in ((1.01, "MET"), (0.99, "NOT_MET")):
         addon.measure(holder, tolerance=holder.data.ccdepth.deviation_reached * part, accuracy=0.5, time_limit=9.0)

@@ -295,9 +295,6 @@ def test_other_objects_among_the_selected_and_a_loose_vertex_nowhere_do_not_matt
     assert holder.data.ccdepth.has_deviation
 
 
-# Faces that have no surface are named, found by Select Invalid Faces and taken away by Repair Mesh
-
-
 def selected(holder: bpy.types.Object) -> list[int]:
     return [face.index for face in holder.data.polygons if face.select]
 

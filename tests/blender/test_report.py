@@ -81,6 +81,10 @@ def claim(path: Path, content: dict[str, Any]) -> Path:
 
 def test_the_report_of_depths(tmp_path: Path) -> None:
     source, output, report = save_cubes(tmp_path / "cubes.blend", "One", "Two"), tmp_path / "out.blend", tmp_path / "a"
+    # One gets faces from Two, which come from no face of its mesh and are deeper.
+    boolean = bpy.data.objects["One"].modifiers.new("Boolean", "BOOLEAN")
+    boolean.object, boolean.operation, boolean.object.location.x = bpy.data.objects["Two"], "UNION", 2.0
+    save(source)
     assert run(source, *LINE, "--output", output, "--json", report) == 0
     content = report_in(report)
     assert content["program"]["version"] == addon.module("state.mesh_values").version()
@@ -90,9 +94,10 @@ def test_the_report_of_depths(tmp_path: Path) -> None:
     assert entry["output"]["sha256"] == sha256(output)
     holders = mesh_objects(output)
     assert [each["name"] for each in entry["objects"]] == ["One", "Two"]
+    assert addon.depths(holders["One"]).max() < addon.depths(holders["Two"]).max()
     for each in entry["objects"]:
         holder = holders[each["name"]]
-        assert each["deepest"] == addon.depths(holder).max()
+        assert each["deepest"] == addon.depths(holders["Two"]).max()
         assert each["level"] == holder.data.ccdepth.uniform_level
         assert each["proved"] == pytest.approx(addon.bounds(holder).max())
         # Rounded up.

@@ -219,9 +219,6 @@ def browser(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, timeout=120, capture_output=True, text=True, encoding="utf-8", check=True)
 
 
-# The picture of the heat map, rendered with fewer samples than people get
-
-
 materials = addon.module("command_line.picture_materials")
 colors = addon.module("state.colors")
 

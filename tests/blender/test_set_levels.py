@@ -110,7 +110,8 @@ def test_compute_tells_of_a_quality_that_is_too_low(
 ) -> None:
     holder = scene.add_object(meshes.cube_creased_around_the_top(0.9), "Cube")
     modifier = scene.add_subdivision(holder, 4)
-    modifier.quality, modifier.use_limit_surface = quality, shows_limits
+    # Levels of the render count as well.
+    modifier.quality, modifier.use_limit_surface, modifier.levels = quality, shows_limits, 1
     addon.compute(holder, tolerance=TOLERANCE)
     note = "Cube: at its 4 levels, Use Limit Surface needs a Quality of 9 to show the limit surface; it is 3"
     assert (note in capfd.readouterr().out) == noted

@@ -89,8 +89,6 @@ def canonical_quads(corner_vertices: np.ndarray) -> np.ndarray:
     return turned[np.lexsort(turned.T[::-1])]
 
 
-# The limit surface
-
 # With this the modifier's patches are exact but in a neighbourhood of irregular vertices too small to have any points.
 HIGHEST_QUALITY = 10
 

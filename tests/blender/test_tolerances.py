@@ -58,6 +58,7 @@ def test_there_are_presets_from_coarse_to_fine() -> None:
 def test_the_preset_for_printing_is_a_tenth_of_a_millimetre_in_any_unit(scale: float, tolerance: float) -> None:
     bpy.context.scene.unit_settings.scale_length = scale
     choose(presets()["Print 0.1 mm"])
+    refuses("use_tolerance", "tolerance", tolerance=-1.0)
     settings = bpy.context.scene.ccdepth
     assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", pytest.approx(tolerance))
 
@@ -81,9 +82,6 @@ def test_presets_of_ones_own_are_added_and_removed(tmp_path: Path, monkeypatch: 
     assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", pytest.approx(1e-5))
     assert bpy.ops.ccdepth.tolerance_preset_add(name="Mine", remove_name=True) == {"FINISHED"}
     assert [*presets()] == ["Draft", "Standard", "Fine", "Print 0.1 mm", "Yours"]
-
-
-# The tolerance in the sidebar, in full and in the other mode
 
 
 SIZE = 2 * math.sqrt(3)
@@ -133,7 +131,9 @@ def test_modifiers_counted_in_are_carried_over_too(cube: bpy.types.Object, monke
     array.constant_offset_displace = (2.0, 0.0, 0.0)
     cube.modifiers.move(1, 0)
     bpy.context.view_layer.update()
-    assert text() == "= 0.004899 m"
+    for use_modifiers, line in ((False, "= 0.003464 m"), (True, "= 0.004899 m")):
+        set_scene(use_modifiers=use_modifiers)
+        assert text() == line
     monkeypatch.setattr(addon.module("state.known"), "LONG", 0.0)
     for line in ("= 0.006633 m", ""):
         array.count += 1
@@ -240,11 +240,11 @@ def made_with(tolerance: float, *objects: bpy.types.Object) -> int:
 )
 def test_it_fits_and_a_finer_one_does_not(mode: str, start: float, division: dict[str, str]) -> None:
     """Whatever the tolerance was before, with the scene's other settings; in Edit Mode as well, which stays."""
-    set_scene(tolerance_mode=mode, tolerance=start, relative_tolerance=start, **division)
+    set_scene(tolerance_mode="RELATIVE", tolerance=start, relative_tolerance=start, **division)
     holder = scene.add_object(hills(), "Hills")
     with addon.edit_mode(holder):
-        assert bpy.ops.ccdepth.find_tolerance(face_budget=300) == {"FINISHED"}
-        assert holder.mode == "EDIT"
+        assert bpy.ops.ccdepth.find_tolerance(face_budget=300, tolerance_mode=mode) == {"FINISHED"}
+        assert (holder.mode, bpy.context.scene.ccdepth.tolerance_mode) == ("EDIT", mode)
     tolerance = find(holder, face_budget=300)
     counted = known_count(holder)
     assert not counted.are_too_many

@@ -100,9 +100,6 @@ def test_deep_points_close_in_on_the_limit_of_their_vertex(name: str) -> None:
     np.testing.assert_allclose(at_vertices, limits[::3], rtol=0, atol=rounding(mesh.positions, 1))
 
 
-# Normals, against differences between points, and shapes whose normals are known
-
-
 # A step short enough for second derivatives to be worth 1e-5, and long enough for rounding to be worth less.
 STEP = 2.0**-18
 BY_DIFFERENCES = 1e-4

@@ -181,8 +181,6 @@ def test_irregular_faces_are_as_deep_as_their_patches(tolerance: float, method: 
     assert counted > 30
 
 
-# What must not matter
-
 TOLERANCE = 0.0123
 
 

@@ -148,8 +148,6 @@ def test_quads_with_split_sides_are_as_near_to_their_template_as_they_are_thick(
                 assert_near(loop.vertices[np.array(way)], points[np.array(template)], thickness + ROUNDING)
 
 
-# In other spaces
-
 UNEVEN = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, -20.0], [0.0, 0.0, 1.0]])
 
 # Too uneven for Blender's triangles to be known.
