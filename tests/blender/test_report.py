@@ -123,11 +123,12 @@ def test_a_certificate_holds_until_something_is_changed(tmp_path: Path, suffix: 
     output = tmp_path / f"out{suffix}"
     skip_unwritten(suffix)
     assert run(source, "--subdivide", *LINE, "--output", output, "--json", report) == 0
-    content = report_in(report)
+    content, printed = report_in(report), capfd.readouterr().out.split(" Adaptive: Deviation ")[1:]
     [entry] = content["files"]
     assert entry["output"]["sha256"] == sha256(output)
-    for each in entry["objects"]:
+    for each, text in zip(entry["objects"], printed, strict=True):
         distances = each["measured"]
+        assert float(text.partition("at least ")[2].split(" cm:")[0]) <= 100.0 * distances["reached"]
         assert 0 < distances["reached"] <= distances["proved"] <= each["tolerance"] == pytest.approx(0.05)
         # What is really there is not more than what was proved before anything was written.
         assert distances["reached"] <= each["proved"] * (1 + 1e-5)
