@@ -197,7 +197,5 @@ def _made_by(mesh: bpy.types.Mesh, add_modifier: Callable[[bpy.types.Object], No
 
 def _remove_groups(holder: bpy.types.Object, kept: int) -> None:
     """Remove all vertex groups but the first ones."""
-    if not kept:
-        holder.vertex_groups.clear()
     for group in list(holder.vertex_groups)[kept:]:
         holder.vertex_groups.remove(group)

@@ -67,7 +67,9 @@ def test_tolerances_and_numbers_of_faces_as_typed() -> None:
 def test_a_tolerance_with_a_unit_is_that_long_in_any_scene(tmp_path: Path, scale: float, expected: float) -> None:
     bpy.context.scene.unit_settings.scale_length = scale
     path, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out.blend"
-    assert run(path, "--tolerance", "2mm", "--output", output) == 0
+    assert run(path, "--tolerance", "2mm", "--output", output, "--json", tmp_path / "report.json") == 0
+    [entry] = addon.module("command_line.report_reading").read_report(tmp_path / "report.json").files
+    assert entry.objects[0].tolerance == pytest.approx(0.002)
     assert mesh_objects(output)["Cube"].data.ccdepth.world_tolerance == pytest.approx(expected)
 
 
@@ -269,8 +271,9 @@ def test_levels_are_set_unless_it_is_a_result(tmp_path: Path, capfd: Capture) ->
 
 def test_a_number_of_faces(tmp_path: Path) -> None:
     path, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out.blend"
-    assert run(path, "--subdivide", "--faces", "0.5k", "--output", output) == 0
-    assert 250 < len(mesh_objects(output)["Cube Adaptive"].data.polygons) <= 500
+    assert run(path, "--subdivide", "--exact-normals", "--faces", "0.5k", "--output", output) == 0
+    made = mesh_objects(output)["Cube Adaptive"].data
+    assert (250 < len(made.polygons) <= 500, made.has_custom_normals) == (True, True)
 
 
 def test_measuring_says_whether_the_tolerance_is_met(tmp_path: Path, capfd: Capture) -> None:

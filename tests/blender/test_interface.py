@@ -153,11 +153,9 @@ def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance_or_in_parts
     assert [mark.number for mark in legend.marks(0.1)] == ["0", "20", "40", "60", "80", "100"]
 
 
-# The layout, with texts as wide as letters of one width would be
-
-
 layout: ModuleType = addon.module("ui.legend_layout")
 
+# Texts are laid out as wide as letters of one width, in parts of the font size.
 LETTER = 0.55
 
 TITLE, TOLERANCE = "Levels Needed", "for 3.64 mm"

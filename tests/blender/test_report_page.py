@@ -167,9 +167,9 @@ def test_a_page_without_pictures_tells_of_failures(tmp_path: Path) -> None:
     stamp = report.FileStamp(Path("part.blend"), None, 1.0)
     error = "<script>alert(1)</script>\n\x1b[31m second"
     failed = report.FileEntry(replace(stamp, path=Path("bad <b>.blend")), error=error)
-    whole = report.Report("measure", (report.FileEntry(stamp, (missed,)), failed))
+    whole = report.Report("measure", (report.FileEntry(stamp, (missed,), lost=("UV maps",)), failed))
     page = parsed(report_page.page(whole))
-    for text in ("Tolerance not met", "Not met", "Failed", "<script>alert(1)</script>", "\\x1b[31m", "cannot be read"):
+    for text in ("Tolerance not met", "Not met", "<script>alert(1)</script>", "\\x1b[31m", "cannot be read", "UV maps"):
         assert text in page.text
     # In the table of files, and above what is told of the file.
     assert page.text.count("bad <b>.blend") == 2
