@@ -91,7 +91,7 @@ class Certifier:
         """The least ‖y‖₁ with Dᵀy = functional, by linear programming; remembered with the net that reaches it."""
         count = len(self.differences)
         both_signs = np.hstack([self.differences.T, -self.differences.T])
-        start = self.least_squares @ functional
+        start = self._shortest(functional)
         scale = np.abs(start).max()
         made_of_differences = self.differences.T @ (start / scale)
         found = linprog(np.ones(2 * count), A_eq=both_signs, b_eq=made_of_differences, method="highs")
@@ -115,7 +115,7 @@ class Certifier:
         return bounds + ROUNDING
 
     def _shortest(self, functionals: FloatArray) -> FloatArray:
-        """(rows, 2n + 10): the least-squares weights of functionals, with a step against rounding."""
+        """(…, 2n + 10): the least-squares weights of functionals, with a step against rounding."""
         start = functionals @ self.least_squares.T
         return start + (functionals - start @ self.differences) @ self.least_squares.T
 

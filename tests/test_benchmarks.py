@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the programs in benchmarks/ and proofs/ name is there."""
+"""The programs in benchmarks/ and proofs/: what they name is there, tables are found again, certificates checked."""
 
 import subprocess
 import sys
@@ -40,9 +40,6 @@ def test_programs_find_all_that_they_import() -> None:
     # The bpy module can hang while the interpreter winds up.
     program = f"import os, bpy\n{imports}os._exit(0)"
     subprocess.run([sys.executable, "-c", program], cwd=CHECKOUT, check=True, timeout=120)
-
-
-# The programs under proofs find the tables that the code has, and check certificates
 
 
 compact = certify_sharp_constants.compact

@@ -171,6 +171,7 @@ def test_a_page_without_pictures_tells_of_failures(tmp_path: Path) -> None:
     page = parsed(report_page.page(whole))
     for text in ("Tolerance not met", "Not met", "<script>alert(1)</script>", "\\x1b[31m", "cannot be read", "UV maps"):
         assert text in page.text
+    assert "Failed" in page.text
     # In the table of files, and above what is told of the file.
     assert page.text.count("bad <b>.blend") == 2
     assert not page.pictures()
