@@ -184,8 +184,10 @@ def show(state: str) -> None:
             space.shading.type, suzanne.show_in_front = "SOLID", True
         elif state == "edit":
             bpy.context.view_layer.objects.active = suzanne
+            # What is selected tints the heat map, so nothing may be when Edit Mode is first drawn.
+            for each in (suzanne.data.vertices, suzanne.data.edges, suzanne.data.polygons):
+                each.foreach_set("select", [False] * len(each))
             bpy.ops.object.mode_set(mode="EDIT")
-            bpy.ops.mesh.select_all(action="DESELECT")
         elif state == "quad":
             bpy.ops.object.mode_set(mode="OBJECT")
             bpy.ops.screen.region_quadview()
