@@ -21,6 +21,8 @@ def bake(path: str) -> None:
     for each in bpy.context.view_layer.objects:
         each.select_set(each.type == "MESH")
     bpy.ops.ccdepth.bake_colors()
+    # The file without colours is no version to keep.
+    bpy.context.preferences.filepaths.save_version = 0
     bpy.ops.wm.save_mainfile()
 
 
