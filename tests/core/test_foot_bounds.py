@@ -304,14 +304,35 @@ def test_points_near_the_middle_are_as_far_from_a_level_over_their_face_as_said(
         assert np.all(found <= off.reshape(4, -1).max(axis=0) * (1 + 1e-9))
 
 
-def test_faces_beside_others_than_regular_ones_have_no_feet() -> None:
+def test_faces_beside_patches_of_other_kinds_have_no_feet() -> None:
     """Feet may go where nothing is known of the curvature."""
-    mesh = meshes.build(meshes.fan(5, 5))
+    mesh = meshes.build(meshes.grid(9, 9))
+    middle = np.flatnonzero(mesh.edge_face_counts == 2)[mesh.edge_count // 2]
+    sharpness = np.where(np.arange(mesh.edge_count) == middle, 0.5, mesh.edge_sharpness)
+    mesh = mesh.changed(edge_sharpness=sharpness)
     patches = classify_patches(mesh)
-    others = patches.kinds != PatchKind.REGULAR
-    is_beside = np.zeros(mesh.face_count, dtype=bool)
-    is_beside[mesh.corner_faces[np.isin(mesh.corner_vertices, mesh.corner_vertices[others[mesh.corner_faces]])]] = True
+    is_beside = largest_around(mesh, (patches.kinds == PatchKind.IRREGULAR).astype(float)) > 0
     feet = FaceFeet.of(mesh, Vertices.CONTROL, np.zeros(mesh.face_count, dtype=bool), lambda: None)
-    inside = np.flatnonzero(~others & patches.inside)
+    inside = np.flatnonzero((patches.kinds == PatchKind.REGULAR) & patches.inside)
     np.testing.assert_array_equal(np.isfinite(feet.curvature[feet.places[inside]]), ~is_beside[inside])
     assert 0 < np.count_nonzero(is_beside[inside]) < len(inside)
+
+
+@both_vertices
+@pytest.mark.parametrize("name", ["cube", "sphere"])
+def test_bounds_hold_beside_extraordinary_faces(name: str, vertices: Vertices) -> None:
+    """Every triangle is as near as its bound; the surface is where all faces around have bounds."""
+    mesh = smooth(meshes.bumpy(meshes.cube() if name == "cube" else meshes.sphere(7, 4), 0.05, 4), 2)
+    drawn = np.random.default_rng(5).random(mesh.face_count) < 0.5
+    feet = FaceFeet.of(mesh, vertices, drawn, lambda: None)
+    is_extraordinary = classify_patches(mesh).kinds == PatchKind.EXTRAORDINARY
+    is_beside = (largest_around(mesh, is_extraordinary.astype(float)) > 0) & (feet.places >= 0)
+    # Nearer to the extraordinary vertex the surface is curved more than any regular face around.
+    around = largest_around(mesh, np.where(feet.places >= 0, feet.whole.curvature[feet.places], 0.0))
+    assert np.any((feet.curvature[feet.places] > around)[is_beside])
+    bounds = np.full(mesh.face_count, np.inf)
+    for found in feet.bounds(np.arange(mesh.face_count), 2, vertices, np.inf, lambda: None):
+        bounds[found.faces] = found.bounds
+    assert np.count_nonzero(np.isfinite(bounds) & is_beside) > 5
+    there, back, step = sampled(mesh, 2, vertices, drawn)
+    assert_both_ways(mesh, bounds, there, back, step / 2)

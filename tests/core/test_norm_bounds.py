@@ -7,8 +7,6 @@ a linear program for each, apart from the certificates of ``proofs``. Points in 
 on the direction of the largest value.
 """
 
-from functools import cache
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -22,7 +20,6 @@ from ccdepth_addon.core.bounds.norm_bounds import (
     Method,
     PatchBounds,
     Vertices,
-    first_order_rate,
     limit_displacement,
     published_divisor,
     published_rate,
@@ -97,20 +94,11 @@ def worst_of(functionals: FloatArray, differences: FloatArray) -> tuple[float, F
     return found, net
 
 
-@cache
-def level_one(valence: int) -> tuple[FloatArray, FloatArray]:
-    """The nets of face 0's children as stencils: the extraordinary (2n + 8, D) and the regular ones (4, 4, 3, D)."""
-    fine = nets.refined(nets.net_mesh(np.eye(2 * valence + 8)), 1)
-    children = np.arange(4)
-    patches = classify_patches(fine)
-    assert patches.kinds[children].tolist() == [PatchKind.EXTRAORDINARY, *[PatchKind.REGULAR] * 3]
-    corner = patches.extraordinary_corners[:1]
-    return extraordinary_nets(fine, corner, valence)[:, 0], regular_nets(fine, children[1:])
-
-
 def steps(valence: int, levels: int) -> FloatArray:
     """(2n + 8, 2n + 8): from a net to that at its extraordinary vertex so many levels later."""
-    power: FloatArray = np.linalg.matrix_power(level_one(valence)[0], levels)
+    fine = nets.refined(nets.net_mesh(np.eye(2 * valence + 8)), 1)
+    nearest = extraordinary_nets(fine, classify_patches(fine).extraordinary_corners[:1], valence)[:, 0]
+    power: FloatArray = np.linalg.matrix_power(nearest, levels)
     return power
 
 
@@ -190,17 +178,6 @@ def test_regular_facets_reach_their_distance_and_no_more(vertices: str, level: i
     found = worst_of(distance_stencils(4, level, vertices), differences)[0]
     assert 0.74 * factor <= found <= factor + PROGRAM_TOLERANCE
     assert bounds_of("SECOND_ORDER", 4, 1, vertices).at(level)[0] == pytest.approx(factor)
-
-
-@every_valence
-def test_first_order_norm_shrinks_as_derived(valence: int) -> None:
-    edges = nets.edge_matrix(valence)
-    extraordinary, regular = level_one(valence)
-    rate = first_order_rate(valence)
-    assert worst_of(edges @ extraordinary, edges)[0] <= rate + PROGRAM_TOLERANCE
-    along_i = (regular[1:] - regular[:-1]).reshape(-1, regular.shape[-1])
-    along_j = (regular[:, 1:] - regular[:, :-1]).reshape(-1, regular.shape[-1])
-    assert worst_of(np.concatenate([along_i, along_j]), edges)[0] <= rate + PROGRAM_TOLERANCE
 
 
 @pytest.mark.parametrize("valence", [3, 4, 5, 6, 8, 12, 32])

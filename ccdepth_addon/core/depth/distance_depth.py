@@ -29,6 +29,9 @@ from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 # The approximate number of leaves examined together, with the leaves around them.
 LEAVES_AT_ONCE = 1 << 15
 
+# The levels up to which faces count with all leaves; of later levels, most leaves lie in larger parts with bounds.
+MOST_DIVIDED = 3
+
 # Up to the first number, on meshes of up to the second number of faces, regular faces with bounds beyond the tolerance
 # are examined leaf by leaf at each level. Each takes some milliseconds. Otherwise the deepest faces alone are examined,
 # up to the third number.
@@ -198,7 +201,7 @@ class _SomeFaces:
     def by_leaves(self, faces: IndexArray, level: int, *, are_joined: bool) -> Iterator[LevelBounds]:
         """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks. are_joined:
         whether bounds hold both ways with any neighbours."""
-        at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, DEEPEST_REGULAR))
+        at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, MOST_DIVIDED))
 
         def bound(some: IndexArray) -> LevelBounds:
             leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), self.limit, lambda: None)

@@ -18,8 +18,9 @@ from ..bounds.norm_bounds import Vertices
 from ..mesh.level_quads import may_be_folded
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import SPLINE_HALVES, both_ways
-from ..surface.patches import PatchKind, classify_patches, regular_nets
-from .foot_bounds import LARGEST_TILT, FootBounds, equal_bounds, foot_bounds
+from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ..surface.stencils import apply_stencils, by_valence, patch_stencils
+from .foot_bounds import LARGEST_TILT, ROUNDING, FootBounds, Frame, equal_bounds, foot_bounds
 from .leaf_feet import leaf_feet
 from .middle_distances import likely_at_parts
 
@@ -83,11 +84,21 @@ class FaceFeet:
         for own, values in zip(at_vertices, (whole.curvature, whole.speed), strict=True):
             for corner in range(4):
                 np.maximum.at(own, corners[:, corner], values)
+        is_known, is_near = is_regular.copy(), np.zeros(mesh.vertex_count, dtype=bool)
+        for valence, faces in by_valence(mesh, patches, len(is_turned))[1]:
+            is_known[faces] = True
+            found = _of_children(mesh, patches.extraordinary_corners[faces], valence)
+            for at, *constants in zip(*found, strict=True):
+                is_near[at] = True
+                for own, values in zip(at_vertices, constants, strict=True):
+                    np.maximum.at(own, at, values)
         # Feet stay on faces with known curvature, where the surface is smooth.
         unknown = np.zeros(mesh.vertex_count, dtype=bool)
-        unknown[mesh.corner_vertices[~is_regular[mesh.corner_faces]]] = True
+        unknown[mesh.corner_vertices[~is_known[mesh.corner_faces]]] = True
         at_vertices[:, unknown] = np.inf
         curvature, speed = at_vertices[:, corners].max(axis=2)
+        # Beside an extraordinary face, feet stay on the regular children there: they may go half as far.
+        speed[is_near[corners].any(axis=1)] *= 2
         curvature[~patches.inside[regular]] = np.inf
         if vertices is Vertices.LIMIT:
             # Triangles that might face apart would be drawn along the other diagonal; in the space of that choice,
@@ -206,6 +217,18 @@ class FaceFeet:
                 for own, other in zip(found, others, strict=True):
                     own[folded] = np.maximum(own[folded], other)
         return found
+
+
+def _of_children(mesh: PolygonMesh, corners: IndexArray, valence: int) -> tuple[IndexArray, FloatArray, FloatArray]:
+    """(3, P) each, for faces with their extraordinary vertex at given corners: their other vertices, and κ and α of
+    their regular children there, α in parameters of the face."""
+    nets = apply_stencils(patch_stencils(valence).regular, extraordinary_nets(mesh, corners, valence))
+    frame = Frame.of(np.concatenate([np.ascontiguousarray(each.swapaxes(1, 2)) for each in np.split(nets, 3)], axis=2))
+    constants = frame.curvature, np.maximum(*frame.speeds) / 2
+    curvature, speed = (np.where(frame.is_known, each * (1 + ROUNDING), np.inf).reshape(3, -1) for each in constants)
+    first = mesh.face_starts[mesh.corner_faces[corners]]
+    others = first + (corners - first + np.arange(1, 4)[:, None]) % 4
+    return mesh.corner_vertices[others], curvature, speed
 
 
 def _nets(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
