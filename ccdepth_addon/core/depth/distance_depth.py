@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Depth by distance between the sets themselves, independent of parameters. docs/distance.md.
 
-Regular faces among regular ones have bounds for all levels by feet on the surface (``foot_bounds``). Where feet do not
-decide, and for all other faces, the leaves of a level are measured (``leaf_deviations``), level by level, until all
-leaves of a face are within the tolerance.
+Regular faces that touch none but regular and extraordinary ones have bounds for all levels by feet on the surface
+(``foot_bounds``). Where feet do not decide, and for all other faces, the leaves of a level are measured
+(``leaf_deviations``), level by level, until all leaves of a face are within the tolerance.
 """
 
 from __future__ import annotations
