@@ -94,8 +94,7 @@ def grid(columns: int, rows: int) -> MeshData:
 
 
 def hexagons(columns: int, rows: int, noise: float = 0.0, seed: int = 1) -> MeshData:
-    """A honeycomb in the plane z = 0, its vertices moved about within the plane. By more than 0.15 some hexagons are
-    dented."""
+    """A honeycomb in the plane z = 0, vertices moved within the plane. By more than 0.15 some hexagons are dented."""
     own = grid(2 * columns + 1, rows).positions
     own[:, 1] += np.where(own.sum(axis=1) % 2 == 0, 0.15, -0.15)
     own[:, :2] += np.random.default_rng(seed).uniform(-noise, noise, (len(own), 2))
@@ -386,8 +385,7 @@ def loose_edge_at_a_face_vertex() -> MeshData:
 
 
 def with_collapsed_faces(data: MeshData) -> MeshData:
-    """Faces without area, far from each other: one drawn together in a point, one on a line, one with an edge of no
-    length."""
+    """Faces without area, far apart: one collapsed to a point, one to a line, one with an edge of no length."""
     positions = data.positions.copy()
     starts = np.concatenate([[0], np.cumsum(data.face_sizes)])
     point, line, edge = (

@@ -40,8 +40,7 @@ def imported_from_the_addon(path: Path) -> Iterator[str]:
 
 
 def is_allowed(layer: str, name: str) -> bool:
-    """Whether a layer may import this module of the add-on: not of a layer above it, and of the core no more than the
-    public interface."""
+    """Whether a layer may import this module: not of a layer above it, and of the core only the public interface."""
     # ``from .. import version`` names no module.
     others = set() if layer == "core" else {"registration", "version"}
     is_public = layer == "core" or not name.startswith("core.")

@@ -344,8 +344,7 @@ def animated(tmp_path: Path) -> Path:
 def test_depths_over_frames_are_reported(
     animated: Path, tmp_path: Path, frames: str, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Numbers and the histogram of the page are about the same frames. At the frame of the file the cube is less
-    deep."""
+    """The page's numbers and histogram are of the same frames. At the frame of the file the cube is less deep."""
     few_samples(monkeypatch)
     report, table, html = (tmp_path / f"report.{kind}" for kind in ("json", "csv", "html"))
     assert run(animated, *LINE, "--frames", frames, "--json", report, "--csv", table, "--html", html) == 0

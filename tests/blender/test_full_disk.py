@@ -199,8 +199,7 @@ def test_a_full_disk_is_told_whatever_was_made_of_it(
 
 @pytest.mark.parametrize("hindered", ["", "os.link", "whole_files.refuse_existing"])
 def test_a_file_that_comes_meanwhile_stays(tmp_path: Path, hindered: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As when two runs write to one place: where the file system has no links, and where the file comes after it was
-    looked for."""
+    """As when two runs write to one place: the file system has no links, and the file comes after the look for it."""
     if hindered == "os.link":
         monkeypatch.setattr(os, "link", no_links)
     elif hindered:

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the command line leaves out, what it works on copies of, what a format loses, and which drivers did not run: all
-of it is told."""
+"""All is told: what the command line leaves out, works on copies of, loses in a format, and drivers not run."""
 
 import json
 import os

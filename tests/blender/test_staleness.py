@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panels show that depths, deviations and adaptive results are out of date when what they depend on has changed,
-and only then."""
+"""Panels show depths, deviations and adaptive results as out of date when what they depend on has changed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Levels 1 to 3, and points of the limit surface, against Blender's own Subdivision Surface modifier, mesh by mesh;
-and UV maps."""
+"""Levels 1 to 3, limit points and UV maps against Blender's own Subdivision Surface modifier, mesh by mesh."""
 
 from collections.abc import Callable
 from dataclasses import replace

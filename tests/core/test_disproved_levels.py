@@ -31,8 +31,7 @@ def drawn(mesh: PolygonMesh, level: int, vertices: Vertices) -> tuple[FloatArray
 
 
 def far_faces(mesh: PolygonMesh, level: int, vertices: Vertices, tolerance: float) -> BoolArray:
-    """(F,): faces with a point of the surface farther from the whole mesh at a level, among the vertices of two levels
-    later."""
+    """(F,): faces with a point of the surface, two levels later, farther from the whole mesh at a level."""
     fine, owners_of_faces = mesh, np.arange(mesh.face_count)
     for _ in range(level + 2):
         owners_of_faces = np.repeat(owners_of_faces, fine.face_sizes)

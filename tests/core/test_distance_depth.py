@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distances of whole meshes at a level, both ways, against dense samples: every kind of face, and meshes made to break
-what the bounds rest on."""
+"""Distances of whole meshes at a level, both ways, against dense samples: every kind of face, and odd meshes."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -190,6 +189,8 @@ def test_deepest_depths_of_large_meshes_are_proved(
     mesh, size = case(name, 1)
     plain = face_depths(mesh, tolerance * size, "DISTANCE", "CONTROL")
     monkeypatch.setattr(distance_depth, "MOST_OF_A_MESH", 0)
+    # Groups of faces with too many leaves are examined in parts.
+    monkeypatch.setattr(distance_depth, "MOST_LEAVES", 1 << 6)
     found = face_depths(mesh, tolerance * size, "DISTANCE", "CONTROL")
     assert np.all(found.bounds <= tolerance * size)
     assert np.all(found.depths >= plain.depths)

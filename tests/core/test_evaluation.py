@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit surface at given points against the limits of the vertices of refined meshes, which use no patches;
-and its normals."""
+"""Points and normals of the limit surface against limits of the vertices of refined meshes, which use no patches."""
 
 import time
 

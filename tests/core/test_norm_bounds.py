@@ -20,6 +20,7 @@ from ccdepth_addon.core.bounds.norm_bounds import (
     Method,
     PatchBounds,
     Vertices,
+    first_order_rate,
     limit_displacement,
     published_divisor,
     published_rate,
@@ -178,6 +179,17 @@ def test_regular_facets_reach_their_distance_and_no_more(vertices: str, level: i
     found = worst_of(distance_stencils(4, level, vertices), differences)[0]
     assert 0.74 * factor <= found <= factor + PROGRAM_TOLERANCE
     assert bounds_of("SECOND_ORDER", 4, 1, vertices).at(level)[0] == pytest.approx(factor)
+
+
+@every_valence
+def test_first_order_norm_shrinks_as_derived(valence: int) -> None:
+    edges = nets.edge_matrix(valence)
+    fine = nets.refined(nets.net_mesh(np.eye(2 * valence + 8)), 1)
+    assert classify_patches(fine).kinds[:4].tolist() == [PatchKind.EXTRAORDINARY, *[PatchKind.REGULAR] * 3]
+    regular = regular_nets(fine, np.arange(1, 4))
+    steps_between = [np.diff(regular, axis=axis).reshape(-1, regular.shape[-1]) for axis in (0, 1)]
+    for differences in (edges @ steps(valence, 1), np.concatenate(steps_between)):
+        assert worst_of(differences, edges)[0] <= first_order_rate(valence) + PROGRAM_TOLERANCE
 
 
 @pytest.mark.parametrize("valence", [3, 4, 5, 6, 8, 12, 32])

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""All faces at one level, and the first level at which all of them are within the tolerance; and depths
-over several poses."""
+"""The first level at which all faces are within the tolerance; and depths over several poses."""
 
 from functools import cache
 from itertools import pairwise

@@ -26,10 +26,11 @@ from .disproved_levels import DisprovedLevels
 from .level_leaves import DEEPEST_REGULAR, LevelLeaves, rings_around
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
-# The approximate number of leaves examined together, with the leaves around them.
-LEAVES_AT_ONCE = 1 << 15
+# The number of leaves expected in a group of faces, with the leaves around them; and the number beyond which a group is
+# examined in parts.
+LEAVES_AT_ONCE, MOST_LEAVES = 1 << 15, 1 << 16
 
-# The levels up to which faces count with all leaves; of later levels, most leaves lie in larger parts with bounds.
+# The levels up to which faces are expected to have all of their leaves; later, larger parts have bounds, mostly.
 MOST_DIVIDED = 3
 
 # Up to the first number, on meshes of up to the second number of faces, regular faces with bounds beyond the tolerance
@@ -204,7 +205,10 @@ class _SomeFaces:
         at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, MOST_DIVIDED))
 
         def bound(some: IndexArray) -> LevelBounds:
-            leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), self.limit, lambda: None)
+            leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), self.limit, MOST_LEAVES)
+            if leaves is None:
+                parts = [bound(part) for part in np.array_split(some, min(len(some), 4))]
+                return LevelBounds(some, np.concatenate([part.bounds for part in parts]))
             return LevelBounds(some, _distances(leaves, self.limit, self.rounded, are_joined=are_joined))
 
         return map_in_threads(bound, index_chunks(faces, at_once), self.tick)

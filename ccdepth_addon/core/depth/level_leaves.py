@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,9 +38,10 @@ class LevelLeaves:
 
     @staticmethod
     def of(
-        mesh: PolygonMesh, faces: IndexArray, level: int, vertices: Vertices, limit: float, tick: Callable[[], None]
-    ) -> LevelLeaves:
-        """The leaves of some faces of a mesh. limit: the largest useful distance. At level 0 faces have to be quads."""
+        mesh: PolygonMesh, faces: IndexArray, level: int, vertices: Vertices, limit: float, most: int
+    ) -> LevelLeaves | None:
+        """The leaves of some faces of a mesh; None if several faces have more leaves than ``most``, with those around.
+        limit: the largest useful distance. At level 0 faces have to be quads."""
         count = len(faces)
         around = rings_around(mesh, _mask(mesh.face_count, faces), RINGS)
         around[faces] = False
@@ -54,8 +54,8 @@ class LevelLeaves:
         bounds = np.zeros(count)
         for own_level in range(level + 1):
             is_regular = _are_regular(refinement, is_own)
-            feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, is_turned, tick)
-            for found in feet.bounds(np.flatnonzero(is_regular), level - own_level, vertices, limit, tick):
+            feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, is_turned, lambda: None)
+            for found in feet.bounds(np.flatnonzero(is_regular), level - own_level, vertices, limit, lambda: None):
                 covered = found.faces[found.are_short]
                 np.maximum.at(bounds, bases[covered], found.bounds[found.are_short])
                 is_own[covered] = is_regular[covered] = False
@@ -68,7 +68,8 @@ class LevelLeaves:
             refinement = refinement.keep(reach)
             bases, regular_since = bases[reach], regular_since[reach]
             is_own, is_turned = is_own[reach], is_turned[reach]
-            tick()
+            if len(bases) > most and count > 1:
+                return None
             if own_level == level or not len(bases):
                 break
             sizes = refinement.mesh.face_sizes[: len(bases)]
