@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.deviation import leaf_deviations
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
@@ -64,3 +65,17 @@ def test_what_is_farther_than_the_limit_takes_its_group_alone_with_it() -> None:
 
 def test_at_equal_parameters_either_diagonal_counts() -> None:
     assert np.all(leaves(is_folded=False).at_equal_parameters(0.0) >= SECOND_DIAGONAL * (1 - SMALL))
+
+
+def test_around_a_pole_few_pieces_are_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the drawn pole is off the surface, beside the surface's pole as seen along a triangle's normal."""
+    mesh = meshes.build(meshes.sphere(40, 8))
+    refinement = Refinement.start(mesh, np.arange(mesh.face_count)).refined()
+    some = DrawnLeaves.of(refinement, np.zeros(len(refinement.bases), dtype=bool), Vertices.CONTROL, None)
+    vertices = refinement.corner_vertices().reshape(-1, 4)
+    at_pole = np.any(np.bincount(vertices.ravel())[vertices] == 40, axis=1)
+    for name, most in (("PIECES_OF_EACH", 4), ("PIECES_BESIDES", 0)):
+        monkeypatch.setattr(leaf_deviations, name, most)
+    found = some.deviations(np.zeros_like(at_pole), at_pole, np.arange(len(at_pole)), 0.015, 0.0)
+    assert np.count_nonzero(at_pole) == 2 * 40
+    assert np.all(found[at_pole] < np.inf)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, chunks, index_chunks
+from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
@@ -117,6 +118,23 @@ class BezierPieces:
         """(n,) bool: whether pieces (n,) are bilinear facets, with middles off the surface by up to the excess."""
         is_refinement = np.array([isinstance(store, Refinement) for store in self._stores] + [False])
         return is_refinement[self._store[pieces]]
+
+    def has_net(self, pieces: IndexArray) -> BoolArray:
+        """(n,) bool: whether pieces (n,) have an extraordinary vertex at their first corner alone."""
+        has_net = np.array([isinstance(store, Nets) for store in self._stores] + [False])
+        return has_net[self._store[pieces]]
+
+    def units_at(self, vertices: IndexArray) -> tuple[IndexArray, IndexArray]:
+        """(K,) intp twice: the indices of vertices (n,), and the units around each."""
+        counts = self.unit_mesh.vertex_face_counts
+        owners = np.repeat(np.arange(len(vertices)), counts[vertices])
+        starts = np.cumsum(counts) - counts
+        return owners, self._units_by_vertex[ranges(starts[vertices], counts[vertices])]
+
+    @cached_property
+    def _units_by_vertex(self) -> IndexArray:
+        """(4n,) intp: the units around each vertex, vertex by vertex."""
+        return self.unit_mesh.corner_faces[np.argsort(self.unit_mesh.corner_vertices, kind="stable")]
 
     def leaves(self) -> IndexArray:
         """The pieces that are not split: they cover the surface."""

@@ -31,6 +31,9 @@ LEAST_STRAIGHTNESS = 0.8
 # Regions count as uncovered if units farther than this many from the first would be needed.
 MOST_UNITS_ACROSS = 8
 
+# If up to this number of units meet at a vertex over a region, all of them are the first ones.
+MOST_UNITS_AROUND = 1 << 7
+
 # The largest number of leaves over several regions that are examined together.
 LEAVES_OVER_AT_ONCE = 1 << 16
 
@@ -143,7 +146,7 @@ def over_pieces(
     intp, a unit near each. goals: (n,), bounds below the goals are as good. margin: the rounding allowance.
     """
     regions = Regions.of(columns(corners), columns(normals), columns(directions), margin)
-    covering = _covering(pieces, regions, first, margin)
+    covering = _covering(pieces, regions, first, goals, margin)
     if covering is None:
         return None
     at_border = np.zeros(len(corners), dtype=bool)
@@ -160,7 +163,7 @@ def over_pieces(
     if len(chosen):
         chosen, moved = _moved_inwards(regions, covering, chosen, goals, margin)
     if len(chosen):
-        covering = _covering(pieces, moved, first[chosen], margin)
+        covering = _covering(pieces, moved, first[chosen], goals[chosen], margin)
         if covering is None:
             return None
         covered = covering.has_partners & _winds_once(covering.over, len(chosen), margin)
@@ -171,14 +174,16 @@ def over_pieces(
     return upper, worst, np.unique(blamed)
 
 
-def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin: float) -> Covering | None:
-    """The leaves over regions, of the first units (n,) and of all units connected to them over the regions. None as in
-    ``over_pieces``."""
+def _covering(
+    pieces: BezierPieces, regions: Regions, first: IndexArray, goals: FloatArray, margin: float
+) -> Covering | None:
+    """The leaves over regions, of the first units and of all units connected to them over the regions. first, goals,
+    and None: as in ``over_pieces``."""
     plane, offsets, _, _ = plane_functionals(regions.normals, regions.corners, regions.directions)
     functionals = np.concatenate([regions.sides.inward, plane[None], regions.axes])
     constants = np.concatenate([regions.sides.offsets, offsets[None], -products(regions.axes, regions.places)])
     outline = regions.outline()
-    keys = np.arange(regions.count) * pieces.unit_count + first
+    keys = _first_units(pieces, regions.sides, first, goals)
     known, found, borders, alone, at = keys, [], [], [], 0
     for _ in range(MOST_UNITS_ACROSS):
         owners, leaves = _leaves_over(
@@ -205,6 +210,22 @@ def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin:
     has_partners[np.concatenate([*alone, keys // pieces.unit_count])] = False
     rows, which = (np.concatenate(column) for column in zip(*borders, strict=True))
     return Covering(Over.joined(found), has_partners, (rows, which))
+
+
+def _first_units(pieces: BezierPieces, sides: SideViews, first: IndexArray, goals: FloatArray) -> IndexArray:
+    """Keys of regions and units, ascending, to begin with: a unit near each region (n,), and all units around a vertex
+    of it that lies over the region, or nearer than the goals (n,), if these are many."""
+    mesh = pieces.unit_mesh
+    vertices = mesh.corner_vertices.reshape(-1, 4)[first]
+    counts = mesh.vertex_face_counts[vertices]
+    corners, most = counts.argmax(axis=1), counts.max(axis=1)
+    # Corners of pieces with nets are counted from the extraordinary one on.
+    places = pieces.coefficients[first, :, CORNERS[np.where(pieces.has_net(first), 0, corners)]]
+    is_over = (sides.offsets + products(sides.inward, columns(places)) >= -goals).all(axis=0)
+    around = np.flatnonzero(is_over & (most > MOST_UNITS_ACROSS) & (most <= MOST_UNITS_AROUND))
+    owners, units = pieces.units_at(vertices[around, corners[around]])
+    keys = np.concatenate([np.arange(len(first)), around[owners]]) * pieces.unit_count
+    return np.unique(keys + np.concatenate([first, units]))
 
 
 def _seen(
