@@ -109,18 +109,28 @@ def test_levels_are_as_near_as_proved(name: str, vertices: Vertices, seed: int, 
 
 
 def test_the_surface_beside_measured_leaves_has_to_be_near(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Feet of leaves that touch a measured one do not cover it. Here nothing else is far from anything."""
+    """Feet of leaves that touch a measured one do not cover it. Here nothing else is far from anything. What a depth
+    proves by leaves is not measured again, but what is beside it is."""
     mesh, _ = case("bevelled prism", 1)
     there, back, _ = sampled(mesh, 2, Vertices.LIMIT)
     tolerance = 1.1 * max(there.max(), back.max())
 
+    drawn_leaves = []
+
     def deviations(leaves: DrawnLeaves, on_surface: BoolArray, drawn: BoolArray, *_: float) -> FloatArray:
+        drawn_leaves.append(np.count_nonzero(drawn))
         return np.where(on_surface & ~drawn, np.inf, 0.0)
 
     monkeypatch.setattr(DrawnLeaves, "deviations", deviations)
     bounds = level_bounds(mesh, tolerance, "DISTANCE", Vertices.LIMIT, 2)
     assert 0 < np.count_nonzero(bounds == np.inf) < mesh.face_count
-    assert face_depths(mesh, tolerance, "DISTANCE", "LIMIT").depths.max() <= 2
+    found = face_depths(mesh, tolerance, "DISTANCE", "LIMIT")
+    assert found.depths.max() == 2
+    for depth in (1, 2):
+        drawn_leaves.clear()
+        depths = np.full_like(found.depths, depth)
+        assert uniform_level(mesh, tolerance, "DISTANCE", "LIMIT", depths, 2, lasting=found.lasting) > 2
+        assert (drawn_leaves[0] > 0) == (depth < 2)
 
 
 @pytest.mark.parametrize(
@@ -189,8 +199,9 @@ def test_deepest_depths_of_large_meshes_are_proved(
     mesh, size = case(name, 1)
     plain = face_depths(mesh, tolerance * size, "DISTANCE", "CONTROL")
     monkeypatch.setattr(distance_depth, "MOST_OF_A_MESH", 0)
-    # Groups of faces with too many leaves are examined in parts.
+    # Groups of faces with too many leaves are examined in parts, and measured in smaller ones.
     monkeypatch.setattr(distance_depth, "MOST_LEAVES", 1 << 6)
+    monkeypatch.setattr(distance_depth, "MEASURED_AT_ONCE", 1 << 3)
     found = face_depths(mesh, tolerance * size, "DISTANCE", "CONTROL")
     assert np.all(found.bounds <= tolerance * size)
     assert np.all(found.depths >= plain.depths)

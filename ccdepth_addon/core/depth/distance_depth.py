@@ -30,6 +30,9 @@ from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 # examined in parts.
 LEAVES_AT_ONCE, MOST_LEAVES = 1 << 15, 1 << 16
 
+# The number of leaves measured together.
+MEASURED_AT_ONCE = 1 << 12
+
 # The levels up to which faces are expected to have all of their leaves; later, larger parts have bounds, mostly.
 MOST_DIVIDED = 3
 
@@ -37,6 +40,9 @@ MOST_DIVIDED = 3
 # are examined leaf by leaf at each level. Each takes some milliseconds. Otherwise the deepest faces alone are examined,
 # up to the third number.
 MOST_WITH_BOUNDS, MOST_OF_A_MESH, MOST_DEEPEST = 1 << 9, 1 << 12, 1 << 13
+
+# A bound up to this many times the limit may have been within it before, for other faces at once.
+NEARLY = 1 + 2.0**-30
 
 # The level of faces of which no level was passed over.
 NO_LEVEL = np.iinfo(np.intp).max
@@ -107,22 +113,34 @@ def distance_bounds_at(
 
 
 def distance_level_bounds(
-    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, faces: IndexArray, level: int, tick: Callable[[], None]
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    vertices: Vertices,
+    faces: IndexArray,
+    level: int,
+    tick: Callable[[], None],
+    is_proved: BoolArray | None = None,
 ) -> Iterator[LevelBounds]:
-    """The proved bounds of some faces at one level, both ways, in chunks. tick: as of ``distance_depths``."""
+    """The proved bounds of some faces at one level, both ways, in chunks. tick, is_proved: as of
+    ``level_bounds_in_chunks``."""
     if not len(faces):
         return
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     rest = np.ones(len(faces), dtype=bool)
+    # A depth without a bound by feet is proved by leaves, which cover the surface as well as the triangles.
+    by_leaves = np.zeros(len(faces), dtype=bool) if is_proved is None else is_proved[faces]
     for found in some.feet.bounds(np.arange(len(faces)), level, some.shown(level), some.limit, tick):
         short = found.faces[found.are_short]
         rest[short] = False
+        by_leaves[found.faces[found.bounds <= NEARLY * some.limit]] = False
         yield LevelBounds(faces[short], found.bounds[found.are_short] + test.allowance)
     if level == 0:
         others = rest & (mesh.face_sizes[faces] != 4)
         yield LevelBounds(faces[others], np.full(np.count_nonzero(others), np.inf))
         rest &= ~others
-    for block in some.by_leaves(faces[rest], level, are_joined=True):
+    chosen = np.zeros(mesh.face_count, dtype=bool)
+    chosen[faces[by_leaves]] = True
+    for block in some.by_leaves(faces[rest], level, are_joined=True, is_proved=chosen):
         yield LevelBounds(block.faces, np.where(block.bounds <= some.limit, block.bounds + test.allowance, np.inf))
 
 
@@ -199,9 +217,12 @@ class _SomeFaces:
                 whole.depths[deep], whole.bounds[deep], whole.lasting[deep] = level, np.concatenate(found), False
                 return
 
-    def by_leaves(self, faces: IndexArray, level: int, *, are_joined: bool) -> Iterator[LevelBounds]:
+    def by_leaves(
+        self, faces: IndexArray, level: int, *, are_joined: bool, is_proved: BoolArray | None = None
+    ) -> Iterator[LevelBounds]:
         """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks. are_joined:
-        whether bounds hold both ways with any neighbours."""
+        whether bounds hold both ways with any neighbours. is_proved: (F,) bool, whether the leaves of each face are
+        known to be within the limit."""
         at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, MOST_DIVIDED))
 
         def bound(some: IndexArray) -> LevelBounds:
@@ -209,15 +230,19 @@ class _SomeFaces:
             if leaves is None:
                 parts = [bound(part) for part in np.array_split(some, min(len(some), 4))]
                 return LevelBounds(some, np.concatenate([part.bounds for part in parts]))
-            return LevelBounds(some, _distances(leaves, self.limit, self.rounded, are_joined=are_joined))
+            proved = np.zeros(len(some), dtype=bool) if is_proved is None else is_proved[some]
+            return LevelBounds(some, _distances(leaves, self.limit, self.rounded, proved, are_joined=are_joined))
 
         return map_in_threads(bound, index_chunks(faces, at_once), self.tick)
 
 
-def _distances(found: LevelLeaves, limit: float, rounded: float, *, are_joined: bool) -> FloatArray:
+def _distances(
+    found: LevelLeaves, limit: float, rounded: float, is_proved: BoolArray, *, are_joined: bool
+) -> FloatArray:
     """(B,): the largest bound of each face's leaves, both ways: the distance at equal parameters, or if that is beyond
-    the limit the deviation. are_joined: whether the surface over neighbouring leaves counts as well, as feet may not
-    cover it there. rounded: the rounding allowance of a deviation."""
+    the limit the deviation. is_proved: (B,) bool, whether the leaves of each face are known to be within the limit, so
+    that the limit is their bound. are_joined: whether the surface over neighbouring leaves counts as well, as feet may
+    not cover it there. rounded: the rounding allowance of a deviation."""
     leaves, mesh = found.leaves, found.leaves.refinement.mesh
     off = np.zeros(len(found.bases))
     off[found.is_own] = leaves.keep(found.is_own).at_equal_parameters(rounded)
@@ -226,13 +251,19 @@ def _distances(found: LevelLeaves, limit: float, rounded: float, *, are_joined: 
         beside = rings_around(mesh, is_open, 1) & ~found.is_own & are_joined
         off[beside] = leaves.keep(beside).at_equal_parameters(rounded)
         beside &= off > limit
-        measured = is_open | beside
-        around = rings_around(mesh, measured, 1)
+        off[is_open] = limit
+        own = is_open & ~np.append(is_proved, False)[found.bases]
         # A face with one leaf beyond the limit is beyond it; each leaf around the faces counts by itself.
-        groups = np.where(found.is_own, found.bases, len(found.bounds) + np.arange(len(off)))[around]
-        groups = np.unique(groups, return_inverse=True)[1]
-        deviations = leaves.keep(around).deviations(measured[around], is_open[around], groups, limit, rounded)
-        off[measured] = deviations[measured[around]]
+        groups = np.where(found.is_own, found.bases, len(found.bounds) + np.arange(len(off)))
+        for some in index_chunks(np.flatnonzero(own | beside), MEASURED_AT_ONCE):
+            measured = np.zeros(len(off), dtype=bool)
+            measured[some] = True
+            around = rings_around(mesh, measured, 1)
+            own_groups = np.unique(groups[around], return_inverse=True)[1]
+            deviations = leaves.keep(around).deviations(
+                measured[around], (own & measured)[around], own_groups, limit, rounded
+            )
+            off[some] = deviations[measured[around]]
         off[is_open] = np.maximum(off, _largest_around(mesh, np.where(beside, off, 0.0)))[is_open]
     bounds = found.bounds.copy()
     np.maximum.at(bounds, found.bases[found.is_own], off[found.is_own])

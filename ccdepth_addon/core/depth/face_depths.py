@@ -141,11 +141,12 @@ def uniform_level(
     # The number of levels is unknown: each level reports half of the remaining fraction.
     begun = 0.0
     while True:
+        is_proved = depths == level
         # A depth by distance assumes that the faces around are within the tolerance as well.
-        is_open = np.full(len(depths), True) if Method(method) is Method.DISTANCE else depths != level
-        parts = [(np.flatnonzero(is_open & ~lasting & ~with_margin), tolerance)]
+        is_open = np.full(len(depths), True) if Method(method) is Method.DISTANCE else ~is_proved
+        parts = [(np.flatnonzero(is_open & ~lasting & ~with_margin), tolerance, is_proved)]
         if np.any(with_margin):
-            parts.append((np.flatnonzero(with_margin), tolerance - margin))
+            parts.append((np.flatnonzero(with_margin), tolerance - margin, np.zeros_like(is_proved)))
         share = part_of(progress, begun, (1 - begun) / 2)
         if all_within(mesh, parts, Method(method), Vertices(vertices), level, share):
             return level
@@ -155,21 +156,21 @@ def uniform_level(
 
 def all_within(
     mesh: PolygonMesh,
-    parts: list[tuple[IndexArray, float]],
+    parts: list[tuple[IndexArray, float, BoolArray]],
     method: Method,
     vertices: Vertices,
     level: int,
     progress: Progress,
 ) -> bool:
-    """Whether faces are within a tolerance at one level, part by part, each part with a tolerance of its own. Stops at
-    the first face beyond its tolerance."""
-    counter = _Counter(progress, sum(len(faces) for faces, _ in parts))
+    """Whether faces are within a tolerance at one level, part by part, each part with a tolerance of its own, and with
+    (F,) bool as of ``level_bounds_in_chunks``. Stops at the first face beyond its tolerance."""
+    counter = _Counter(progress, sum(len(faces) for faces, _, _ in parts))
     counter.tick()
-    for faces, tolerance in parts:
+    for faces, tolerance, is_proved in parts:
         if not len(faces):
             continue
         test = ToleranceTest(tolerance, rounding_allowance(mesh))
-        for block in level_bounds_in_chunks(mesh, faces, test, method, vertices, level, counter.tick):
+        for block in level_bounds_in_chunks(mesh, faces, test, method, vertices, level, counter.tick, is_proved):
             counter.add(len(block.faces))
             if not block.all_within:
                 return False
@@ -184,10 +185,14 @@ def level_bounds_in_chunks(
     vertices: Vertices,
     level: int,
     tick: Callable[[], None],
+    is_proved: BoolArray | None = None,
 ) -> Iterator[LevelBounds]:
-    """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop."""
+    """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop.
+    is_proved: (F,) bool, whether each face has this level as its depth by the same test. By distance the leaves of
+    these faces are not measured again, and the tolerance is a bound of them.
+    """
     if method is Method.DISTANCE:
-        return distance_level_bounds(mesh, test, vertices, faces, level, tick)
+        return distance_level_bounds(mesh, test, vertices, faces, level, tick, is_proved)
     if method is Method.CERTIFIED:
         return certified_level_bounds(mesh, faces, test, vertices, level, tick, nearly=False)
     return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level, tick)

@@ -26,7 +26,7 @@ from .triangles import Triangles
 
 # The largest number of pieces and parts for each leaf, and these besides: undecided leaves are then near the limit, and
 # one more level takes no longer.
-PIECES_OF_EACH, PIECES_BESIDES = 64, 1 << 12
+PIECES_OF_EACH, PIECES_BESIDES = 96, 1 << 12
 
 # Rounds after which nothing more is decided, mostly.
 MOST_ROUNDS = 20
