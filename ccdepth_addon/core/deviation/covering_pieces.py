@@ -31,7 +31,8 @@ LEAST_STRAIGHTNESS = 0.8
 # Regions count as uncovered if units farther than this many from the first would be needed.
 MOST_UNITS_ACROSS = 8
 
-# If up to this number of units meet at a vertex over a region, all of them are the first ones.
+# Units that meet at a vertex over a region are examined together; with more than this number of them the region counts
+# as uncovered.
 MOST_UNITS_AROUND = 1 << 7
 
 # The largest number of leaves over several regions that are examined together.
@@ -183,7 +184,9 @@ def _covering(
     functionals = np.concatenate([regions.sides.inward, plane[None], regions.axes])
     constants = np.concatenate([regions.sides.offsets, offsets[None], -products(regions.axes, regions.places)])
     outline = regions.outline()
-    keys = _first_units(pieces, regions.sides, first, goals)
+    keys = _first_units(pieces, regions.sides, first, goals, margin)
+    has_partners = np.zeros(regions.count, dtype=bool)
+    has_partners[keys // pieces.unit_count] = True
     known, found, borders, alone, at = keys, [], [], [], 0
     for _ in range(MOST_UNITS_ACROSS):
         owners, leaves = _leaves_over(
@@ -206,26 +209,29 @@ def _covering(
         keys, known = unknown(owners[is_paired] * pieces.unit_count + beyond, known)
         if not len(keys):
             break
-    has_partners = np.ones(regions.count, dtype=bool)
     has_partners[np.concatenate([*alone, keys // pieces.unit_count])] = False
     rows, which = (np.concatenate(column) for column in zip(*borders, strict=True))
     return Covering(Over.joined(found), has_partners, (rows, which))
 
 
-def _first_units(pieces: BezierPieces, sides: SideViews, first: IndexArray, goals: FloatArray) -> IndexArray:
+def _first_units(
+    pieces: BezierPieces, sides: SideViews, first: IndexArray, goals: FloatArray, margin: float
+) -> IndexArray:
     """Keys of regions and units, ascending, to begin with: a unit near each region (n,), and all units around a vertex
-    of it that lies over the region, or nearer than the goals (n,), if these are many."""
+    of it that lies over the region, or nearer than the goals (n,), if these are many. No unit where too many would be
+    needed."""
     mesh = pieces.unit_mesh
     vertices = mesh.corner_vertices.reshape(-1, 4)[first]
     counts = mesh.vertex_face_counts[vertices]
     corners, most = counts.argmax(axis=1), counts.max(axis=1)
     # Corners of pieces with nets are counted from the extraordinary one on.
     places = pieces.coefficients[first, :, CORNERS[np.where(pieces.has_net(first), 0, corners)]]
-    is_over = (sides.offsets + products(sides.inward, columns(places)) >= -goals).all(axis=0)
-    around = np.flatnonzero(is_over & (most > MOST_UNITS_ACROSS) & (most <= MOST_UNITS_AROUND))
+    inside = (sides.offsets + products(sides.inward, columns(places))).min(axis=0)
+    regions = np.flatnonzero((inside < -margin) | (most <= MOST_UNITS_AROUND))
+    around = np.flatnonzero((inside >= -goals) & (most > MOST_UNITS_ACROSS) & (most <= MOST_UNITS_AROUND))
     owners, units = pieces.units_at(vertices[around, corners[around]])
-    keys = np.concatenate([np.arange(len(first)), around[owners]]) * pieces.unit_count
-    return np.unique(keys + np.concatenate([first, units]))
+    keys = np.concatenate([regions, around[owners]]) * pieces.unit_count
+    return np.unique(keys + np.concatenate([first[regions], units]))
 
 
 def _seen(
@@ -351,7 +357,7 @@ def _leaves_over(
 ) -> tuple[IndexArray, IndexArray]:
     """The leaves of units that may lie over parts, and the parts: units are the first pieces, and parents contain their
     children."""
-    found = []
+    found = [(owners[:0], nodes[:0])]
     while len(owners):
         low, high = columns(pieces.low[nodes]), columns(pieces.high[nodes])
         middle, half = (low + high) / 2, (high - low) / 2
