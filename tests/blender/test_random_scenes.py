@@ -100,8 +100,7 @@ class Scenes(RuleBasedStateMachine):
     def nothing_fails(self) -> None:
         """Handlers and timers print their tracebacks."""
         addon.module("state.watch").examine()
-        if "Traceback" in (heard := self.errors()):
-            raise AssertionError(f"a traceback was printed: {heard}")
+        assert "Traceback" not in (heard := self.errors()), f"a traceback was printed: {heard}"
 
     def _call(self, name: str, allowed: Callable[[snapshot.Path], bool] | None, /, **settings: Any) -> bool:
         """Call an operator of ours; True when it finished, and then it changed only what is allowed; for None whoever
@@ -150,8 +149,8 @@ class Scenes(RuleBasedStateMachine):
         current = {mesh.name: _depths(mesh) for mesh in computed if not staleness.is_stale(mesh)}
         if len(bpy.context.selected_objects) == len(objects) and self._call("compute", None, **settings):
             for name, depths in current.items():
-                if _depths(bpy.data.meshes[name]) != depths:
-                    raise AssertionError(f"the result on {name} was said to be current and was not")
+                now = _depths(bpy.data.meshes[name])
+                assert now == depths, f"the result on {name} was said to be current and was not"
         self.before_result = None
 
     def clear(self, rng: Random) -> None:
@@ -171,8 +170,7 @@ class Scenes(RuleBasedStateMachine):
         settings = _subdivision(rng)
         settings["output"] = one(rng, ("NEW_OBJECT", "IN_PLACE"))
         settings["subdivide_results"] = chance(rng, 0.7)
-        if not self._make(rng, "subdivide", settings):
-            raise AssertionError(f"subdivide {settings} finished and made nothing")
+        assert self._make(rng, "subdivide", settings), f"subdivide {settings} finished and made nothing"
 
     def update(self, rng: Random) -> None:
         if not bpy.ops.ccdepth.update.poll():
@@ -220,8 +218,8 @@ class Scenes(RuleBasedStateMachine):
         # A result may be current and yet not be about another user of its mesh.
         current = all(mesh.users == 1 and not staleness.is_stale(mesh) for mesh in meshes)
         done = self._call("set_levels", lambda path: path[2:3] == ("modifiers",))
-        if not done and current and "its depths are out of date" in self.refusal:
-            raise AssertionError("set_levels says that a result is out of date, and the panel does not")
+        is_stale = not done and "its depths are out of date" in self.refusal
+        assert not (is_stale and current), "set_levels says that a result is out of date, and the panel does not"
 
     def select(self, rng: Random) -> None:
         settings: dict[str, Any] = {"extend": chance(rng, 0.3)}
@@ -248,8 +246,7 @@ class Scenes(RuleBasedStateMachine):
         file = os.path.join(tempfile.mkdtemp(prefix="saved"), "scene.blend")
         bpy.ops.wm.save_as_mainfile(filepath=file)
         bpy.ops.wm.open_mainfile(filepath=file)
-        if before != (after := _results()):
-            raise AssertionError(f"saving and loading: {before} became {after}")
+        assert before == (after := _results()), f"saving and loading: {before} became {after}"
         self.before_result = None
 
     def measure(self, rng: Random) -> None:
@@ -271,8 +268,8 @@ def _nothing(_path: snapshot.Path) -> bool:
 
 def _same(what: str, before: Snapshot, allowed: Callable[[snapshot.Path], bool] = _nothing) -> None:
     """AssertionError where anything but what is allowed has been changed since."""
-    if found := snapshot.differences(before, snapshot.take(), allowed):
-        raise AssertionError(f"{what}, and this was changed:\n" + "\n".join(found[:12]))
+    found = snapshot.differences(before, snapshot.take(), allowed)
+    assert not found, f"{what}, and this was changed:\n" + "\n".join(found[:12])
 
 
 def _tolerance(rng: Random) -> dict[str, Any]:
@@ -327,10 +324,10 @@ def _results() -> dict[str, list[Any]]:
 def _nothing_temporary() -> None:
     for collection in ("objects", "meshes", "shape_keys", "collections", "node_groups"):
         for block in getattr(bpy.data, collection):
-            if block.name.startswith(("ccdepth_", "Snapshot")):
-                raise AssertionError(f"left behind in bpy.data.{collection}: {block.name}")
-    if stray := [keys.name for keys in bpy.data.shape_keys if keys.library is None and not keys.users]:
-        raise AssertionError(f"shape keys without a mesh: {stray}")
+            is_ours = block.name.startswith(("ccdepth_", "Snapshot"))
+            assert not is_ours, f"left behind in bpy.data.{collection}: {block.name}"
+    stray = [keys.name for keys in bpy.data.shape_keys if keys.library is None and not keys.users]
+    assert not stray, f"shape keys without a mesh: {stray}"
 
 
 def _results_sound(what: str) -> None:
@@ -342,17 +339,14 @@ def _results_sound(what: str) -> None:
         for name, kind in KINDS.items():
             attribute = mesh.attributes.get(name)
             found = attribute and (attribute.data_type, attribute.domain, len(attribute.data))
-            if found != (kind, "FACE", len(mesh.polygons)):
-                raise AssertionError(f"{what}: {name} on {mesh.name} is {found}")
+            assert found == (kind, "FACE", len(mesh.polygons)), f"{what}: {name} on {mesh.name} is {found}"
         bounds = scene.read(mesh, "ccdepth_bound")
         # Several users may have several tolerances, and only the least of them is known.
         most = record.world_tolerance * (1 + SINGLE) if len(record.contributors) <= 1 else np.inf
-        if not (np.isfinite(bounds).all() and (bounds >= 0).all() and (bounds <= most).all()):
-            raise AssertionError(
-                f"{what}: bounds from {bounds.min()} to {bounds.max()} on {mesh.name}, tolerance {most}"
-            )
-        if (least := min(_depths(mesh), default=0)) < 0:
-            raise AssertionError(f"{what}: depth {least} on {mesh.name}")
+        are_sound = np.all(np.isfinite(bounds) & (bounds >= 0) & (bounds <= most))
+        assert are_sound, f"{what}: bounds from {bounds.min()} to {bounds.max()} on {mesh.name}, tolerance {most}"
+        least = min(_depths(mesh), default=0)
+        assert least >= 0, f"{what}: depth {least} on {mesh.name}"
 
 
 def _results_current() -> None:
@@ -363,21 +357,19 @@ def _results_current() -> None:
         # Edit Mode shows one key by itself, which is another shape than that of the result.
         if holder.type != "MESH" or (holder.data.is_editmode and holder.data.shape_keys):
             continue
-        if holder.data.ccdepth.has_result and staleness.is_stale(holder.data):
-            raise AssertionError(f"the new result on {holder.name} is out of date")
+        is_stale = holder.data.ccdepth.has_result and staleness.is_stale(holder.data)
+        assert not is_stale, f"the new result on {holder.name} is out of date"
 
 
 def _sound_mesh(mesh: bpy.types.Mesh) -> None:
     """Its attributes are whole, the colour it shows is one of them, and Blender finds nothing to mend."""
     for path, value in snapshot.mesh_content(mesh):
-        if path[0] == "attribute" and value[2] != counts(mesh)[value[1]]:
-            raise AssertionError(f"{path[1]} on the result {mesh.name} has {value[2]} values")
+        is_whole = path[0] != "attribute" or value[2] == counts(mesh)[value[1]]
+        assert is_whole, f"{path[1]} on the result {mesh.name} has {value[2]} values"
     active = mesh.attributes.active_color_name
-    if active and active not in mesh.attributes:
-        raise AssertionError(f"the result {mesh.name} shows a color attribute “{active}” that it does not have")
+    assert not active or active in mesh.attributes, f"the result {mesh.name} shows “{active}”, which it does not have"
     # Blender finds fault with what is no number, also where the base mesh has it.
-    if _is_finite(mesh) and mesh.validate(verbose=True):
-        raise AssertionError(f"the result {mesh.name} was not valid")
+    assert not (_is_finite(mesh) and mesh.validate(verbose=True)), f"the result {mesh.name} was not valid"
 
 
 def _is_finite(mesh: bpy.types.Mesh) -> bool:
