@@ -38,18 +38,22 @@ def select(*objects: bpy.types.Object) -> None:
 
 
 def compute(*objects: bpy.types.Object, **settings: object) -> None:
-    """Select the objects and compute their depths; a tolerance is absolute unless it says otherwise."""
-    _finish("compute", objects, settings)
+    """``finish`` with Compute Depth."""
+    finish("compute", *objects, **settings)
 
 
 def measure(*objects: bpy.types.Object, **settings: object) -> None:
-    """Select the objects and measure their deviation, for half a second unless ``time_limit`` is given; the last one
-    becomes the active one. A tolerance is absolute unless it says otherwise."""
-    _finish("measure", objects, {"time_limit": 0.5, **settings})
+    """``finish`` with Measure Deviation, for half a second unless ``time_limit`` is given."""
+    finish("measure", *objects, **{"time_limit": 0.5, **settings})
 
 
-def _finish(operator: str, objects: Iterable[bpy.types.Object], settings: dict[str, object]) -> None:
-    select(*objects)
+def finish(operator: str, *objects: bpy.types.Object, **settings: object) -> None:
+    """Show and select the objects alone, the last one as the active one, or leave the selection without any; and call
+    an operator of ours, which must finish. A tolerance is absolute unless it says otherwise."""
+    for each in objects:
+        each.hide_set(False)
+    if objects:
+        select(*objects)
     mode = {"tolerance_mode": "ABSOLUTE"} if "tolerance" in settings else {}
     assert getattr(bpy.ops.ccdepth, operator)(**mode | settings) == {"FINISHED"}
 

@@ -14,12 +14,7 @@ TOLERANCE = 0.01
 
 def subdivide(*objects: bpy.types.Object, **settings: object) -> list[bpy.types.Object]:
     """Show and select the objects and subdivide them; the objects selected then, in the order of their names."""
-    for each in objects:
-        each.hide_set(False)
-    addon.select(*objects)
-    settings.setdefault("tolerance", TOLERANCE)
-    settings.setdefault("tolerance_mode", "ABSOLUTE")
-    assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
+    addon.finish("subdivide", *objects, **{"tolerance": TOLERANCE, **settings})
     return sorted(bpy.context.selected_objects, key=lambda obj: obj.name)
 
 
@@ -27,16 +22,17 @@ def faces(holder: bpy.types.Object) -> int:
     return len(holder.data.polygons)
 
 
-def refuses(operator: str, match: str, **settings: object) -> None:
-    """The operator reports an error about what is selected, and nothing is changed."""
+def refuses(operator: str, match: str, *objects: bpy.types.Object, **settings: object) -> None:
+    """The operator reports an error about these objects, or about what is selected, and nothing is changed."""
+    if objects:
+        addon.select(*objects)
     with snapshot.unchanged(), pytest.raises(RuntimeError, match=match):
         getattr(bpy.ops.ccdepth, operator)(**settings)
 
 
 def refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
     """So does Apply Adaptive Subdivision about these objects."""
-    addon.select(*objects)
-    refuses("subdivide", match, **{"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE", **settings})
+    refuses("subdivide", match, *objects, **{"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE", **settings})
 
 
 def shape(holder: bpy.types.Object) -> np.ndarray:

@@ -92,7 +92,6 @@ def test_single_precision_is_counted_in() -> None:
     """Far from the origin of its mesh, where vertices are stored off by a good part of the tolerance."""
     holder = scene.add_object(meshes.single_precision(meshes.moved(meshes.landscape(1, 1, seed=5), 1e4, 1e4, 0.0)))
     [result] = subdivide(holder)
-    holder.hide_set(False)
     addon.measure(result, holder)
     assert result.data.ccdepth.deviation_reached <= addon.bounds(result).max() <= np.float32(TOLERANCE)
 

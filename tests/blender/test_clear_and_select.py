@@ -67,8 +67,7 @@ def test_clear_works_on_all_selected() -> None:
     addon.compute(first, second, other)
     # Attributes without a record are cleared as well.
     second.data.property_unset("ccdepth")
-    addon.select(first, second)
-    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
+    addon.finish("clear", first, second)
     assert addon.is_untouched([first, second])
     assert other.data.ccdepth.has_result
     assert bpy.ops.ccdepth.clear() == {"CANCELLED"}

@@ -15,6 +15,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.runs import CHECKOUT, Capture, depths_in, few_samples, mesh_objects, program, run, said, save
+from tests.blender.subdividing import subdivide
 
 SUZANNE_FACES = 500
 
@@ -232,9 +233,7 @@ def test_it_subdivides(
     assert bpy.data.objects[name].visible_get()
     assert len([holder for holder in bpy.data.objects if holder.visible_get()]) == 1
     assert f"{name}\n  Faces: {len(written):,}\n  Control Faces: 6\n" in printed
-    addon.select(mesh_objects(cube_file)["Cube"])
-    bpy.ops.ccdepth.subdivide(tolerance=0.01, tolerance_mode="ABSOLUTE", mode="PER_FACE", transitions="NGONS")
-    [result] = bpy.context.selected_objects
+    [result] = subdivide(mesh_objects(cube_file)["Cube"], tolerance=0.01, mode="PER_FACE", transitions="NGONS")
     assert written == addon.depths(result).tolist()
 
 

@@ -175,8 +175,7 @@ def test_settings_of_the_scene_hold_unless_given() -> None:
     holder = scene.add_suzanne()
     settings = bpy.context.scene.ccdepth
     settings.tolerance_mode, settings.tolerance, settings.vertices = "ABSOLUTE", 0.05, "LIMIT"
-    addon.select(holder)
-    bpy.ops.ccdepth.compute()
+    addon.compute(holder)
     record = holder.data.ccdepth
     assert (record.tolerance, record.vertices) == (pytest.approx(0.05), "LIMIT")
     bpy.ops.ccdepth.compute(tolerance=0.02)

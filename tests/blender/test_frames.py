@@ -13,10 +13,10 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.runs import Capture, few_samples, mesh_objects, run, save
-from tests.blender.subdividing import known_count
+from tests.blender.subdividing import known_count, refuses
 from tests.blender.test_report import report_in
 from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
-from tests.blender.updating import move_vertex
+from tests.blender.updating import move_vertex, set_scene
 from tests.thorough import combinations
 
 FIRST, LAST = 1, 11
@@ -234,17 +234,11 @@ def test_what_only_turns_needs_nothing_more() -> None:
     assert holder.data.ccdepth.worst_frame == FIRST
 
 
-def set_frames(frames: str) -> None:
-    settings = bpy.context.scene.ccdepth
-    settings.frames, settings.frame_list = "CUSTOM", frames
-    settings.relative_tolerance = 0.01
-
-
 @pytest.mark.every_blender
 def test_a_result_over_frames_stays_current_on_every_frame() -> None:
     holder = with_a_shape_key()
     bpy.context.scene.frame_set(3)
-    set_frames(FRAMES)
+    set_scene(frames="CUSTOM", frame_list=FRAMES, relative_tolerance=0.01)
     addon.compute(holder)
     for frame in (3, FIRST, 7, LAST, LAST + 5):
         bpy.context.scene.frame_set(frame)
@@ -277,7 +271,7 @@ def test_changes_make_it_out_of_date(change: str, frame: int) -> None:
     """On a computed frame, and on the one that was current, which need not be computed."""
     holder = with_a_shape_key()
     bpy.context.scene.frame_set(frame)
-    set_frames("1-12/3")
+    set_scene(frames="CUSTOM", frame_list="1-12/3", relative_tolerance=0.01)
     addon.compute(holder)
     assert told_by_the_panel(holder) == ""
     CHANGES[change](holder)
@@ -397,12 +391,10 @@ def test_no_frame_and_negative_ones_are_reported(
 def expect(holder: bpy.types.Object, line: str) -> None:
     """The panel and Set Levels agree."""
     assert told_by_the_panel(holder) == line
-    addon.select(holder)
     if line:
-        with pytest.raises(RuntimeError, match="out of date"):
-            bpy.ops.ccdepth.set_levels()
+        refuses("set_levels", "out of date", holder)
     else:
-        assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+        addon.finish("set_levels", holder)
     assert told_by_the_panel(holder) == line
 
 
@@ -463,8 +455,7 @@ def test_a_count_of_faces_is_forgotten() -> None:
     holder, shape = with_a_key()
     key(shape, "value", 0.0, 1.0)
     bpy.context.scene.frame_set(FIRST)
-    addon.select(holder)
-    bpy.ops.ccdepth.count_faces()
+    addon.finish("count_faces", holder)
     assert known_count(holder) is not None
     bpy.context.scene.frame_set(LAST)
     assert known_count(holder) is None

@@ -66,8 +66,7 @@ def test_an_old_file_gets_its_viewports_back_once_and_clear_removes_its_colours(
     assert views()[0].shading.color_type == "VERTEX"
     holder = bpy.context.scene.objects[0]
     assert holder.data.attributes.active_color_name == "ccdepth_color"
-    addon.select(holder)
-    bpy.ops.ccdepth.clear()
+    addon.finish("clear", holder)
     assert addon.is_untouched([holder])
     assert holder.data.attributes.active_color_name == ""
 

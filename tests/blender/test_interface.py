@@ -51,8 +51,7 @@ def three_objects() -> list[bpy.types.Object]:
 def test_it_tells_title_tolerance_and_what_it_counts() -> None:
     holder, settings = scene.add_suzanne(), bpy.context.scene.ccdepth
     settings.tolerance_mode, settings.tolerance = "ABSOLUTE", 0.0125
-    addon.select(holder)
-    bpy.ops.ccdepth.compute()
+    addon.compute(holder)
     legend = shown_legend()
     assert (legend.title, legend.notes, legend.alert) == ("Levels Needed", ["for 0.0125 m", holder.name], "")
     bpy.context.scene.unit_settings.length_unit = "MILLIMETERS"
@@ -91,8 +90,7 @@ def test_it_is_about_what_is_selected_whatever_is_active_or_about_the_active_one
     holders[0].hide_set(True)
     assert colored() == [*holders[1:], others]
     # Clear goes by the selection too.
-    addon.select(*holders[1:], light)
-    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
+    addon.finish("clear", *holders[1:], light)
     assert addon.is_untouched(holders[1:])
 
 

@@ -100,8 +100,7 @@ def check_result(result: bpy.types.Object, wanted: snapshot.Snapshot, *, keys: b
 
 
 def count_faces(holder: bpy.types.Object) -> None:
-    addon.select(holder)
-    assert bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+    addon.finish("count_faces", holder, tolerance=TOLERANCE)
     assert addon.is_untouched([holder])
 
 
@@ -171,8 +170,7 @@ LINKED = "the mesh is linked from another file"
 def test_meshes_of_other_files_get_no_values(tmp_path: Path, kind: str, match: str, operator: str) -> None:
     """Blender would neither take them nor keep them in the file. Measured against, such a mesh is as good as any."""
     holder = linked(tmp_path, kind)
-    addon.select(holder)
-    refuses(operator, match)
+    refuses(operator, match, holder)
     own = scene.add_object(meshes.cube(), "Own")
     addon.measure(own, holder, time_limit=0.1)
     assert own.data.ccdepth.measurement.against == holder.name
@@ -199,9 +197,8 @@ def unprotected(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_results_that_are_not_kept_are_an_error(tmp_path: Path, operator: str) -> None:
     holder = linked(tmp_path, KINDS[1], keys=True)
     names = {item.name_full for item in bpy.data.user_map()}
-    addon.select(holder)
-    with pytest.raises(RuntimeError, match="Cube: Blender did not keep what was written"):
-        getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
+    message = "Cube: Blender did not keep what was written"
+    refuses(operator, message, holder, tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
     assert addon.is_untouched([holder])
     assert {item.name_full for item in bpy.data.user_map()} == names
 
@@ -224,7 +221,6 @@ def test_values_that_are_not_kept_leave_all_alone(monkeypatch: pytest.MonkeyPatc
         items.foreach_set(name, values.ravel())
 
     monkeypatch.setattr(module, "write_values", forget)
-    addon.select(*holders)
     message = f"{holders[dropped].name}: Blender did not keep what was written"
-    refuses(operator, message, tolerance=0.01, tolerance_mode="ABSOLUTE")
+    refuses(operator, message, *holders, tolerance=0.01, tolerance_mode="ABSOLUTE")
     assert holders[dropped].data in writes

@@ -13,7 +13,8 @@ from mathutils import Quaternion, Vector
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.subdividing import subdivide
+from tests.blender.subdividing import refuses, subdivide
+from tests.blender.updating import set_scene
 
 pytestmark = pytest.mark.every_blender
 
@@ -106,13 +107,10 @@ def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
 
 
 def test_what_is_left_open_comes_from_the_scene() -> None:
-    settings = bpy.context.scene.ccdepth
-    settings.tolerance, settings.tolerance_mode = 0.25, "ABSOLUTE"
-    settings.accuracy, settings.time_limit, settings.use_modifiers = 0.5, 0.5, False
+    set_scene(tolerance=0.25, accuracy=0.5, time_limit=0.5, use_modifiers=False)
     holder = subdivided_cube()
     holder.scale = (2.0, 2.0, 2.0)
-    addon.select(holder)
-    assert bpy.ops.ccdepth.measure() == {"FINISHED"}
+    addon.finish("measure", holder)
     found = holder.data.ccdepth.measurement
     assert (found.world_tolerance, found.accuracy, found.use_modifiers) == (0.25, 0.5, False)
     # A tolerance may be a part of the diagonal.
@@ -280,18 +278,15 @@ def test_an_adaptive_result_is_measured_against_its_source() -> None:
     assert record.measurement.against == source.name
     assert record.deviation_reached <= 0.02
     assert (record.has_result, record.subdivision, record.shows_deviation) == (True, "ADAPTIVE", True)
-    source.hide_set(False)
     addon.measure(result, source, **settings)
     assert (record.deviation, record.deviation_reached) == alone
     # What Clear removes, it is still a result.
-    addon.select(result)
-    bpy.ops.ccdepth.clear()
+    addon.finish("clear", result)
     addon.measure(result, **settings)
     record = result.data.ccdepth
     assert (record.deviation, record.deviation_reached) == alone
     bpy.data.objects.remove(source)
-    with pytest.raises(RuntimeError, match="its source “Cube” has been removed"):
-        bpy.ops.ccdepth.measure()
+    refuses("measure", "its source “Cube” has been removed")
 
 
 def test_what_was_measured_against_the_active_object_is_shown() -> None:
@@ -299,7 +294,6 @@ def test_what_was_measured_against_the_active_object_is_shown() -> None:
     source = subdivided_cube(1)
     addon.measure(source, time_limit=1.0)
     [result] = subdivide(source, tolerance=0.02)
-    source.hide_set(False)
     addon.measure(result, source, tolerance=0.02, time_limit=5.0)
     assert bpy.context.active_object == source
     shown = addon.module("state.still_holds").measured_to_show

@@ -129,7 +129,6 @@ ADAPTIVE: dict[str, Callable[[], meshes.MeshData]] = {
 def test_adaptive_result(name: str) -> None:
     source = scene.add_object(ADAPTIVE[name]())
     [result] = subdivide(source, tolerance=0.03)
-    source.hide_set(False)
     addon.measure(result, source, time_limit=0.0, tolerance=0.03)
     assert_between(result, source, 6)
     assert result.data.ccdepth.deviation_reached <= 0.03

@@ -203,8 +203,7 @@ def test_modifiers_that_lose_the_faces_are_named(kind: str) -> None:
     if kind == "NODES":
         culprit.node_group = scene.node_tree("GeometryNodeConvexHull")
     holder.modifiers.new("Innocent", "TRIANGULATE")
-    addon.select(other, holder)
-    refuses("compute", f"{holder.name}: the modifier “The Culprit”")
+    refuses("compute", f"{holder.name}: the modifier “The Culprit”", other, holder)
     assert bpy.ops.ccdepth.compute(use_modifiers=False) == {"FINISHED"}
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.subdividing import refuses
+from tests.blender.subdividing import refuses, subdivide
 from tests.thorough import combinations
 
 pytestmark = pytest.mark.every_blender
@@ -278,8 +278,7 @@ def test_an_object_that_could_not_be_edited_again_stays_in_edit_mode() -> None:
     hidden, other = cube("Hidden"), cube("Other")
     with addon.edit_mode(hidden, other):
         hidden.hide_viewport = True
-        with pytest.raises(RuntimeError, match="Hidden: it is edited while it is hidden"):
-            bpy.ops.ccdepth.count_faces()
+        refuses("count_faces", "Hidden: it is edited while it is hidden")
         assert (hidden.mode, other.mode) == ("EDIT", "EDIT")
         hidden.hide_viewport = False
 
@@ -299,20 +298,12 @@ def selected(holder: bpy.types.Object) -> list[int]:
     return [face.index for face in holder.data.polygons if face.select]
 
 
-def compute_refused(match: str, *objects: bpy.types.Object) -> None:
-    addon.select(*objects)
-    refuses("compute", match)
-
-
 @pytest.mark.parametrize(("output", "reduce"), combinations(["NEW_OBJECT", "IN_PLACE"], [False, True]))
 def test_faces_without_area_are_subdivided(output: str, reduce: bool) -> None:
     holder = scene.add_object(meshes.with_collapsed_faces(meshes.landscape(5, 4)))
     addon.compute(holder, tolerance=0.01)
     assert addon.bounds(holder).max() <= 0.01
-    assert bpy.ops.ccdepth.subdivide(
-        tolerance=0.01, tolerance_mode="ABSOLUTE", output=output, reduce=reduce, exact_normals=True
-    ) == {"FINISHED"}
-    result = bpy.context.active_object
+    [result] = subdivide(holder, tolerance=0.01, output=output, reduce=reduce, exact_normals=True)
     assert result.data.validate() is False
     assert np.isfinite(scene.mesh_data(result.data).positions).all()
 
@@ -323,9 +314,7 @@ def test_flattened_objects(scale: tuple[float, float, float]) -> None:
     holder.scale = scale
     addon.compute(holder, tolerance=0.1)
     addon.measure(holder, tolerance=0.1)
-    assert bpy.ops.ccdepth.subdivide(tolerance=0.1, tolerance_mode="ABSOLUTE") == {"FINISHED"}
-    result = bpy.context.active_object
-    holder.hide_set(False)
+    [result] = subdivide(holder, tolerance=0.1)
     addon.measure(result, holder, tolerance=0.1)
     assert result.data.ccdepth.deviation_reached <= 0.1
 
@@ -333,7 +322,8 @@ def test_flattened_objects(scale: tuple[float, float, float]) -> None:
 def test_the_report_names_the_remedy_which_selects_what_was_refused() -> None:
     holder = with_repeated_vertices(2, 7)
     scene.put_nowhere(holder, 3 * 19)
-    compute_refused(
+    refuses(
+        "compute",
         r"(?s)Scan: 1 vertex at no finite position \(first: vertex 19\), 2 faces with a repeated vertex "
         r"\(first: face 2\).*Select Invalid Faces.*Repair Mesh",
         holder,
@@ -364,7 +354,7 @@ def test_selects_on_several_objects_and_leaves_the_others_alone() -> None:
     good = scene.add_object(meshes.cube(), "Good")
     before = selected(good)
     # Another object that uses the mesh is no other mesh.
-    compute_refused(r"(?s)Scan: 1 face.*Scan\.001: 2 faces", first, scene.add_mesh(first.data), second, good)
+    refuses("compute", r"(?s)Scan: 1 face.*Scan\.001: 2 faces", first, scene.add_mesh(first.data), second, good)
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
     assert (selected(first), selected(second), selected(good)) == ([3], [0, 5], before)
 
@@ -381,7 +371,7 @@ def test_selects_what_is_invalid_in_any_object_of_a_mesh() -> None:
     for holder, face, vertex in zip(holders, (0, 11), (0, 19), strict=True):
         mask_all_but(holder, face)
         scene.put_nowhere(first, 3 * vertex)
-    compute_refused("1 vertex at no finite position", *holders)
+    refuses("compute", "1 vertex at no finite position", *holders)
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
     assert selected(first) == [0, 11]
 
@@ -390,20 +380,19 @@ def test_faces_that_modifiers_repeat_and_those_that_lose_an_edge_to_one() -> Non
     """Blender takes away the edge that the repeated vertex had."""
     holder = with_repeated_vertices(3)
     holder.modifiers.new("Array", "ARRAY").count = 3
-    compute_refused("3 faces with a repeated vertex", holder)
+    refuses("compute", "3 faces with a repeated vertex", holder)
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
     assert selected(holder) == [3]
     masked = with_repeated_vertices(0)
     mask_all_but(masked, 0)
-    compute_refused("1 face with a repeated vertex", masked)
+    refuses("compute", "1 face with a repeated vertex", masked)
 
 
 def test_hidden_faces_stay_hidden() -> None:
     holder = with_repeated_vertices(2, 7)
     for face in holder.data.polygons:
         face.hide = face.index == 2
-    addon.select(holder)
-    assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
+    addon.finish("select_invalid", holder)
     assert selected(holder) == [7]
     holder.data.polygons[7].hide = True
     assert bpy.ops.ccdepth.select_invalid() == {"CANCELLED"}
@@ -424,13 +413,13 @@ def test_corners_at_no_vertex_are_refused() -> None:
     holder = scene.add_object(meshes.landscape(4, 3))
     for loop in holder.data.loops[:2]:
         loop.vertex_index = 1000
-    compute_refused("2 corners of faces at vertices that the mesh does not have", holder)
+    refuses("compute", "2 corners of faces at vertices that the mesh does not have", holder)
 
 
 def test_the_panel_knows_until_a_run_goes_well() -> None:
     known = addon.module("state.known")
     holder = with_repeated_vertices(2, 7)
-    compute_refused("Scan", holder)
+    refuses("compute", "Scan", holder)
     assert known.faces_at_fault(holder.data) == 2
     bpy.ops.ccdepth.select_invalid()
     addon.compute(scene.add_suzanne())
@@ -442,7 +431,7 @@ def test_repaired_meshes_are_accepted_and_keep_their_attributes() -> None:
     scene.put_nowhere(holder, 3 * 0)
     numbers = holder.data.attributes.new("number", "INT", "FACE").data
     numbers.foreach_set("value", range(12))
-    compute_refused("Scan", holder, good)
+    refuses("compute", "Scan", holder, good)
     assert bpy.ops.ccdepth.repair() == {"FINISHED"}
     kept = [value.value for value in holder.data.attributes["number"].data]
     assert kept == [0, 1, 3, 4, 5, 6, 8, 9, 10, 11]

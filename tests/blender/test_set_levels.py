@@ -50,8 +50,7 @@ def test_modifiers_that_stay_first_are_told(kind: str) -> None:
     holder = scene.add_object(meshes.cube())
     holder.modifiers.new("First", kind)
     addon.compute(holder, tolerance=TOLERANCE, use_modifiers=False)
-    with pytest.raises(RuntimeError, match="above a Multiresolution or Soft Body one; turn Include Modifiers on"):
-        bpy.ops.ccdepth.set_levels()
+    refuses("set_levels", "above a Multiresolution or Soft Body one; turn Include Modifiers on")
     assert [each.name for each in holder.modifiers] == ["First"]
 
 
@@ -147,8 +146,7 @@ def test_what_cannot_be_set_is_refused(spoil: Callable[[bpy.types.Object], None]
     addon.compute(good, bad, tolerance=TOLERANCE)
     addon.select(bad)
     spoil(bad)
-    addon.select(good, bad)
-    refuses("set_levels", f"Suzanne: {message}")
+    refuses("set_levels", f"Suzanne: {message}", good, bad)
 
 
 def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_are_subdivided() -> None:
@@ -160,8 +158,7 @@ def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_a
     result = bpy.context.active_object
     addon.compute(result, other, tolerance=TOLERANCE)
     refuses("set_levels", f"{result.name}: it is a result, made from “Cage”; set the levels of the source")
-    addon.select(result)
-    refuses("set_levels", "set the levels of its source")
+    refuses("set_levels", "set the levels of its source", result)
     bpy.context.scene.ccdepth.subdivide_results = True
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
     assert levels(result) == [(result.data.ccdepth.uniform_level,) * 2 + (True,)]
@@ -169,8 +166,7 @@ def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_a
 
 def test_a_refusal_names_the_faces_that_are_the_cause_and_what_divides_the_others_less() -> None:
     holder, settings = scene.add_suzanne(), bpy.context.scene.ccdepth
-    addon.select(holder)
-    bpy.ops.ccdepth.compute()
+    addon.compute(holder)
     record, depths = holder.data.ccdepth, addon.depths(holder)
     fitting = record.uniform_level - 2
     settings.max_faces = int(record.uniform_faces) // 4**2
@@ -178,11 +174,9 @@ def test_a_refusal_names_the_faces_that_are_the_cause_and_what_divides_the_other
     assert 0 < beyond < len(depths)
     cause = f"{beyond} faces need more than {fitting} levels: Apply Adaptive Subdivision divides the others less"
     refusal = f"the Face Limit is {settings.max_faces:,}; {cause}"
-    with pytest.raises(RuntimeError, match=refusal):
-        bpy.ops.ccdepth.set_levels()
+    refuses("set_levels", refusal)
     bpy.ops.ccdepth.count_faces()
-    with pytest.raises(RuntimeError, match=f"{refusal}, and makes {known_count(holder).faces:,} faces"):
-        bpy.ops.ccdepth.set_levels()
+    refuses("set_levels", f"{refusal}, and makes {known_count(holder).faces:,} faces")
     # What the button in the panel selects.
     assert bpy.ops.ccdepth.select(depth=fitting + 1, comparison="AT_LEAST") == {"FINISHED"}
     assert sum(face.select for face in holder.data.polygons) == beyond

@@ -11,6 +11,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import refuses
 from tests.blender.updating import move_vertex, set_scene, stale_line
 
 pytestmark = pytest.mark.every_blender
@@ -64,17 +65,12 @@ def made_of(source: bpy.types.Object, **settings: object) -> Made:
     """Everything about a source, made with the scene's settings."""
     source.name = "Source"
     set_scene(**{"tolerance": 0.5, "relative_tolerance": 0.1, "accuracy": 0.5, "time_limit": 0.01, **settings})
-    addon.select(source)
-    bpy.ops.ccdepth.subdivide()
+    for operator in ("subdivide", "compute", "measure"):
+        addon.finish(operator, source)
     result = bpy.data.objects["Source Adaptive"]
-    source.hide_set(False)
     other = scene.add_object(scene.evaluated_mesh_data(source), "Other")
     other.modifiers.new("Triangulate", "TRIANGULATE")
-    addon.select(source)
-    bpy.ops.ccdepth.compute()
-    bpy.ops.ccdepth.measure()
-    addon.select(other, source)
-    bpy.ops.ccdepth.measure()
+    addon.finish("measure", other, source)
     made = Made(source, other, result)
     assert made.lines() == {}
     return made
@@ -196,8 +192,7 @@ def test_what_was_changed_is_changed_back_or_computed_anew() -> None:
     assert made.lines() == stale("own other result")
     bpy.ops.ccdepth.measure()
     assert made.lines() == stale("other result")
-    addon.select(made.other, made.source)
-    bpy.ops.ccdepth.measure()
+    addon.finish("measure", made.other, made.source)
     assert made.lines() == stale("result")
     bpy.ops.ccdepth.update()
     assert made.lines() == {}
@@ -245,11 +240,9 @@ def test_groups_that_are_taken_for_creases_are_noticed_by_operators() -> None:
     holder = creased_source()
     addon.compute(holder)
     holder.vertex_groups.new(name="crease_edge")
-    with pytest.raises(RuntimeError, match="out of date"):
-        bpy.ops.ccdepth.set_levels()
+    refuses("set_levels", "out of date")
     assert stale_line(holder) == mesh_line(holder)
-    with pytest.raises(RuntimeError, match="takes for creases"):
-        bpy.ops.ccdepth.compute()
+    refuses("compute", "takes for creases")
     holder.vertex_groups["crease_edge"].name = "Other"
     assert stale_line(holder) == ""
 

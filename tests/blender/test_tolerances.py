@@ -19,8 +19,7 @@ from tests.thorough import each
 def test_after_a_refused_update_as_well() -> None:
     _, result = made_result()
     set_scene(tolerance=1e-4, max_faces=500)
-    addon.select(result)
-    refuses("update", "Find Tolerance finds one that fits")
+    refuses("update", "Find Tolerance finds one that fits", result)
     bpy.context.view_layer.update()
     assert known_count(result).are_too_many
     bpy.ops.ccdepth.find_tolerance(face_budget=500)
@@ -96,8 +95,7 @@ def about(value: float) -> object:
 def cube() -> bpy.types.Object:
     holder = scene.add_object(meshes.cube())
     addon.select(holder)
-    settings = bpy.context.scene.ccdepth
-    settings.tolerance_mode, settings.relative_tolerance, settings.tolerance = "RELATIVE", 0.001, 0.5
+    set_scene(tolerance_mode="RELATIVE", relative_tolerance=0.001, tolerance=0.5)
     return holder
 
 
@@ -263,8 +261,8 @@ def test_a_flat_mesh_gets_the_least_tolerance_that_is_taken() -> None:
 
 
 def test_too_few_faces_are_refused() -> None:
-    addon.select(scene.add_suzanne())
-    refuses("find_tolerance", "Even undivided there would be more than 100 faces", face_budget=100)
+    message = "Even undivided there would be more than 100 faces"
+    refuses("find_tolerance", message, scene.add_suzanne(), face_budget=100)
     refuses("find_tolerance", "The Face Limit is 500; raise it first", face_budget=1000, max_faces=500)
     refuses("subdivide", "no tolerance would fit", max_faces=100)
 
@@ -275,8 +273,7 @@ def test_objects_that_share_a_mesh_have_one_count() -> None:
     second = scene.add_mesh(first.data)
     second.scale = (0.5, 0.5, 0.5)
     set_scene(tolerance=0.02)
-    addon.select(second)
-    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+    addon.finish("count_faces", second)
     alone = known_count(second).faces
     addon.select(first, second)
     panel, counts = addon.module("ui.selected_objects"), addon.module("state.known")
@@ -304,8 +301,7 @@ CHANGES: tuple[Callable[[bpy.types.Object], object], ...] = (
 def test_a_count_for_a_result_is_forgotten_when_something_changes(change: Callable[[bpy.types.Object], None]) -> None:
     source, result = made_result()
     source.hide_set(False)
-    addon.select(result)
-    bpy.ops.ccdepth.count_faces()
+    addon.finish("count_faces", result)
     bpy.context.view_layer.update()
     assert known_count(result) is not None
     change(result)
@@ -317,8 +313,7 @@ def refused_and_found(*objects: bpy.types.Object, match: str = "", **settings: A
     """The tolerance found after a refusal, for as many faces as are allowed."""
     refused(*objects, match=f"{match}.*; Find Tolerance finds one that fits", **settings)
     set_scene(relative_tolerance=settings["tolerance"], **settings)
-    addon.select(*objects)
-    refuses("subdivide", "Find Tolerance finds one that fits")
+    refuses("subdivide", "Find Tolerance finds one that fits", *objects)
     assert len(objects) > 1 or known_count(objects[0]).are_too_many
     return find(*objects, face_budget=settings["max_faces"])
 

@@ -48,7 +48,6 @@ def test_it_is_what_applying_anew_would_make(settings: dict[str, object]) -> Non
     update(result)
     assert set(bpy.data.objects) == {source, result}
     assert len(bpy.data.meshes) == 2
-    source.hide_set(False)
     now = bpy.context.scene.ccdepth
     tolerance = now.relative_tolerance if now.tolerance_mode == "RELATIVE" else now.tolerance
     [anew] = subdivide(source, tolerance=tolerance, tolerance_mode=now.tolerance_mode)
@@ -208,8 +207,7 @@ def test_a_deleted_source_is_in_the_file_as_long_as_its_result_is() -> None:
     before = faces(result)
     update(result, **FINER)
     assert faces(result) > before
-    addon.select(result)
-    assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
+    addon.finish("before_after", result)
     assert result.ccdepth.source.visible_get()
 
 
@@ -254,8 +252,7 @@ def test_what_cannot_be_updated_is_told(change: Change, chosen: str, settings: d
     source, result = made_result()
     source.hide_set(False)
     change(source, result)
-    addon.select(bpy.data.objects[chosen])
-    refuses("update", match, **settings)
+    refuses("update", match, bpy.data.objects[chosen], **settings)
     if "been removed" in match:
         refuses("before_after", "removed from the file")
 
@@ -268,8 +265,7 @@ def test_modifiers_count_once() -> None:
     [with_it] = subdivide(source, tolerance=0.1)
     [without] = subdivide(source, tolerance=0.1, use_modifiers=False)
     refuses("update", "“Mirror” of “Cage” is included now, and the result has it as well")
-    addon.select(with_it)
-    refuses("update", "“Mirror” of “Cage” was included and is not any more", use_modifiers=False)
+    refuses("update", "“Mirror” of “Cage” was included and is not any more", with_it, use_modifiers=False)
     update(with_it)
     update(without, use_modifiers=False)
     source.modifiers.new("Bevel", "BEVEL")
@@ -291,8 +287,7 @@ def test_a_linked_result_is_refused_and_an_appended_one_brings_its_source(tmp_pa
         wanted.objects = ["Cage Adaptive"]
     [linked] = wanted.objects
     bpy.context.scene.collection.objects.link(linked)
-    addon.select(linked)
-    refuses("update", "linked from another file")
+    refuses("update", "linked from another file", linked)
 
 
 def test_a_result_is_not_subdivided_without_asking() -> None:
@@ -304,8 +299,7 @@ def test_a_result_is_not_subdivided_without_asking() -> None:
     assert again.data.ccdepth.base_faces == faces(result)
     update(again)
     result.hide_set(False)
-    addon.select(result, again)
-    refuses("update", "is a result as well; update the source first")
+    refuses("update", "is a result as well; update the source first", result, again)
     # What is subdivided in place has no source any more.
     subdivide(again, output="IN_PLACE", subdivide_results=True)
     assert again.ccdepth.source is None
@@ -348,13 +342,11 @@ def test_several_are_swapped_together() -> None:
     assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
     assert visible(*sources, *results, lamp) == [SHOWN, SHOWN, HIDDEN, HIDDEN, SHOWN]
     assert bpy.context.view_layer.objects.active == sources[1]
-    addon.select(sources[0])
-    bpy.ops.ccdepth.before_after()
+    addon.finish("before_after", sources[0])
     bpy.ops.object.duplicate()
     copy = bpy.context.view_layer.objects.active
-    addon.select(results[0], copy)
-    bpy.ops.ccdepth.before_after()
-    bpy.ops.ccdepth.before_after()
+    addon.finish("before_after", results[0], copy)
+    addon.finish("before_after")
     assert visible(sources[0], results[0], copy) == [HIDDEN, SHOWN, SHOWN]
 
 
@@ -445,8 +437,7 @@ def test_results_with_other_settings_have_their_turn(kept: Kept) -> None:
     source, result = kept
     coarse = linked_copy(result)
     coarse.data = result.data.copy()
-    addon.select(coarse)
-    bpy.ops.ccdepth.update(tolerance=0.05, tolerance_mode="ABSOLUTE")
+    update(coarse, tolerance=0.05)
     edit(source)
     assert set(due()) == {result, coarse}
     for _ in range(2):

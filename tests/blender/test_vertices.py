@@ -167,8 +167,7 @@ def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> Non
         assert stale_line(holder) == ""
         # Blender makes what is set.
         record.uniform_level, record.uniform_faces, record.quality = 1, "24", 0
-        addon.select(holder)
-        bpy.ops.ccdepth.set_levels()
+        addon.finish("set_levels", holder)
         assert holder.modifiers[0].use_limit_surface == (vertices == "LIMIT")
         depths = addon.depths(holder)
         bpy.ops.ccdepth.compute()

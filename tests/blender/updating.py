@@ -25,8 +25,7 @@ def made_result(**settings: object) -> tuple[bpy.types.Object, bpy.types.Object]
 
 
 def update(*objects: bpy.types.Object, **settings: object) -> None:
-    addon.select(*objects)
-    assert bpy.ops.ccdepth.update(**settings) == {"FINISHED"}
+    addon.finish("update", *objects, **settings)
 
 
 def stale_line(result: bpy.types.Object) -> str:
