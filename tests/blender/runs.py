@@ -25,11 +25,19 @@ def run(*arguments: object, process: Sequence[str] | None = None) -> int:
     return addon.module("command_line.command").run(words, program="ccdepth", process=process)
 
 
-def said(capfd: Capture, *arguments: object, status: int = 1) -> str:
-    """What the command says on the standard error, where it ends with this status."""
+def outputs(capfd: Capture, *arguments: object, status: int = 0) -> tuple[str, str]:
+    """What it prints on the standard output and says on the standard error, where it ends with this status."""
     capfd.readouterr()
     assert run(*arguments) == status
-    return capfd.readouterr().err
+    return capfd.readouterr()
+
+
+def printed(capfd: Capture, *arguments: object, status: int = 0) -> str:
+    return outputs(capfd, *arguments, status=status)[0]
+
+
+def said(capfd: Capture, *arguments: object, status: int = 1) -> str:
+    return outputs(capfd, *arguments, status=status)[1]
 
 
 def program() -> list[str]:

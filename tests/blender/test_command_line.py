@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from tests import meshes
-from tests.blender import addon, scene
-from tests.blender.runs import CHECKOUT, Capture, depths_in, few_samples, mesh_objects, program, run, said, save
+from tests.blender import addon, runs, scene
+from tests.blender.runs import CHECKOUT, Capture, depths_in, mesh_objects, printed, run, said, save
 from tests.blender.subdividing import subdivide
 
 SUZANNE_FACES = 500
@@ -37,12 +37,11 @@ def test_without_a_mesh_it_measures_suzanne_as_the_operator_does(tmp_path: Path,
         ("--method certified", {"method": "CERTIFIED"}),
         ("--tolerance 0.01 --absolute --method sharp --vertices limit", sharp),
     ):
-        assert run(*line.split(), "--output", output, "--overwrite") == 0
-        printed = capfd.readouterr().out
+        told = printed(capfd, *line.split(), "--output", output, "--overwrite")
         [(name, written)] = depths_in(output).items()
         assert (name, len(written)) == ("Suzanne", SUZANNE_FACES)
         for depth, count in zip(*np.unique(written, return_counts=True), strict=True):
-            assert f"{depth:>8}{count:>14,}" in printed
+            assert f"{depth:>8}{count:>14,}" in told
         scene.clear()
         suzanne = scene.add_suzanne()
         addon.compute(suzanne, **settings)
@@ -186,10 +185,9 @@ part.blend --gather . --json - | takes a folder of reports and nothing else
 @pytest.mark.parametrize("case", WRONG_LINES.strip().splitlines())
 def test_a_line_that_makes_no_sense_is_refused(capfd: Capture, case: str) -> None:
     line, _, message = case.partition(" | ")
-    assert run(*(word.replace("_", " ") for word in line.split())) == 2
-    printed = " ".join(capfd.readouterr().err.split())
-    assert "usage: ccdepth" in printed
-    assert message in printed
+    told = " ".join(said(capfd, *(word.replace("_", " ") for word in line.split()), status=2).split())
+    assert "usage: ccdepth" in told
+    assert message in told
 
 
 def test_a_report_does_not_replace_a_link_to_a_file_that_is_read(tmp_path: Path, capfd: Capture) -> None:
@@ -210,8 +208,7 @@ def test_a_report_does_not_replace_a_link_to_a_file_that_is_read(tmp_path: Path,
 
 
 def test_help_is_no_failure(capfd: Capture) -> None:
-    assert run("--help") == 0
-    assert "--tolerance" in capfd.readouterr().out
+    assert "--tolerance" in printed(capfd, "--help")
 
 
 @pytest.mark.every_blender
@@ -220,19 +217,18 @@ def test_it_subdivides(
     cube_file: Path, tmp_path: Path, capfd: Capture, in_place: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The picture shows the distances."""
-    few_samples(monkeypatch)
+    runs.few_samples(monkeypatch)
     path = tmp_path / "picture.png"
     line = ["--subdivide", "--tolerance", "0.01", "--absolute", "--mode", "per-face", "--transitions", "ngons"]
     files = ["--picture", path, "--output", tmp_path / "out.blend"]
-    assert run(cube_file, *line, *(["--in-place"] if in_place else []), *files) == 0
-    printed = capfd.readouterr().out
-    assert f"Written: {path}" in printed
+    told = printed(capfd, cube_file, *line, *(["--in-place"] if in_place else []), *files)
+    assert f"Written: {path}" in told
     assert path.read_bytes().startswith(b"\x89PNG")
     [(name, written)] = depths_in(tmp_path / "out.blend").items()
     assert name == ("Cube" if in_place else "Cube Adaptive")
     assert bpy.data.objects[name].visible_get()
     assert len([holder for holder in bpy.data.objects if holder.visible_get()]) == 1
-    assert f"{name}\n  Faces: {len(written):,}\n  Control Faces: 6\n" in printed
+    assert f"{name}\n  Faces: {len(written):,}\n  Control Faces: 6\n" in told
     [result] = subdivide(mesh_objects(cube_file)["Cube"], tolerance=0.01, mode="PER_FACE", transitions="NGONS")
     assert written == addon.depths(result).tolist()
 
@@ -240,17 +236,17 @@ def test_it_subdivides(
 def test_proved_distances_are_rounded_up(cube_file: Path, capfd: Capture) -> None:
     """The first six tolerances of a row, of whose distances some would be rounded down."""
     for number in range(6):
-        assert run(cube_file, "--subdivide", "--absolute", "--tolerance", 0.03 + 0.001 * number) == 0
-        [printed] = re.findall(r"Largest Distance: (\S+) m", capfd.readouterr().out)
+        told = printed(capfd, cube_file, "--subdivide", "--absolute", "--tolerance", 0.03 + 0.001 * number)
+        [distance] = re.findall(r"Largest Distance: (\S+) m", told)
         record = bpy.data.objects["Cube Adaptive"].data.ccdepth
-        assert record.largest_bound <= float(printed) <= record.largest_bound * 1.001 + 1e-9
+        assert record.largest_bound <= float(distance) <= record.largest_bound * 1.001 + 1e-9
 
 
 @pytest.mark.every_blender
 @pytest.mark.skipif(not bpy.app.binary_path, reason="needs Blender's own program")
 @pytest.mark.parametrize(("arguments", "status"), [([], 0), (["--tolerance", "1e-12"], 1), (["--unknown"], 2)])
 def test_blender_passes_the_exit_status_on(arguments: list[str], status: int) -> None:
-    assert subprocess.run([*program(), *arguments], timeout=120, capture_output=True).returncode == status
+    assert subprocess.run([*runs.program(), *arguments], timeout=120, capture_output=True).returncode == status
 
 
 def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: Capture) -> None:

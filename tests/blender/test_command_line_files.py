@@ -13,7 +13,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.runs import Capture, depths_in, mesh_objects, run, said, save, save_cubes, writable
+from tests.blender.runs import Capture, depths_in, mesh_objects, outputs, printed, run, said, save, save_cubes, writable
 
 amounts = addon.module("command_line.amounts")
 blender_calls = addon.module("command_line.blender_calls")
@@ -108,8 +108,8 @@ def test_what_is_written_has_the_scenes_size_and_place(
     assert run(source, "--subdivide", *LIMIT, "--output", tmp_path / "out.blend") == 0
     mesh_objects(tmp_path / "out.blend")
     expected = box() * scale
-    assert run(source, "--subdivide", *LIMIT, "--output", path, "--json", report) == 0
-    assert f"Written: {path}" in capfd.readouterr().out
+    told = printed(capfd, source, "--subdivide", *LIMIT, "--output", path, "--json", report)
+    assert f"Written: {path}" in told
     assert {each.name for each in tmp_path.iterdir()} == {"mesh.blend", "out.blend", "report.json", path.name}
     read(path)
     in_file = 1000.0 if suffix == ".stl" else 1.0
@@ -174,7 +174,6 @@ def test_chosen_objects_alone(tmp_path: Path, capfd: Capture) -> None:
     ):
         assert run(path, *LIMIT, *line, "--output", output, "--overwrite") == 0
         assert {name for name, each in mesh_objects(output).items() if each.data.ccdepth.has_result} == expected
-    capfd.readouterr()
     for line, message in (
         (["--objects", "Four"], "no mesh object “Four”"),
         (["--collection", "None"], "no collection “None”"),
@@ -246,8 +245,8 @@ def test_several_files(tmp_path: Path, capfd: Capture) -> None:
     assert [line.split(": ")[1] for line in lines] == [f"{n} of 4 files done, {4 - n} left" for n in range(1, 5)]
     for line, told in zip(lines, ("one.blend: done", "bad.ply: ", "nowhere.obj: there is no such file"), strict=False):
         assert told in line
-    assert run(tmp_path / "one.blend", "--output-folder", tmp_path / "bad.ply") == 1
-    assert "bad.ply: the folder cannot be made" in capfd.readouterr().err
+    told = said(capfd, tmp_path / "one.blend", "--output-folder", tmp_path / "bad.ply")
+    assert "bad.ply: the folder cannot be made" in told
 
 
 def test_levels_are_set_unless_it_is_a_result(tmp_path: Path, capfd: Capture) -> None:
@@ -280,12 +279,10 @@ def test_a_number_of_faces(tmp_path: Path) -> None:
 def test_measuring_says_whether_the_tolerance_is_met(tmp_path: Path, capfd: Capture) -> None:
     """The limit surface of a cube of 2 m passes √3/2 m inside of its corners."""
     path, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out.blend"
-    assert run(path, "--measure", "--absolute", "--tolerance", "1.1") == 0
-    assert "within the tolerance" in capfd.readouterr().out
-    assert run(path, "--measure", *LIMIT, "--output", output) == 1
-    printed = capfd.readouterr()
-    assert "not within the tolerance" in printed.out
-    assert "done, and not within the tolerance" in printed.err
+    assert "within the tolerance" in printed(capfd, path, "--measure", "--absolute", "--tolerance", "1.1")
+    out, told = outputs(capfd, path, "--measure", *LIMIT, "--output", output, status=1)
+    assert "not within the tolerance" in out
+    assert "done, and not within the tolerance" in told
     assert mesh_objects(output)["Cube"].data.ccdepth.has_deviation
     # What is not met is not, also when it is looked at again.
     assert run(path, "--measure", *LIMIT, "--json", tmp_path / "report.json") == 1
@@ -313,9 +310,9 @@ def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path, capfd: Capture,
         there.symlink_to(device)
     before_all = sorted(tmp_path.iterdir())
     before = os.stat(there)
-    assert run(source, *LIMIT, option, there, "--overwrite") == 1
+    told = said(capfd, source, *LIMIT, option, there, "--overwrite")
     assert (os.stat(there).st_ino, os.stat(there).st_mode) == (before.st_ino, before.st_mode)
-    assert "not a regular file" in capfd.readouterr().err
+    assert "not a regular file" in told
     assert sorted(tmp_path.iterdir()) == before_all
 
 
@@ -324,8 +321,8 @@ def test_no_report_is_made_of_an_input_that_is_replaced(tmp_path: Path, capfd: C
     source = save_cubes(tmp_path / "cubes.blend", "One")
     before = source.read_bytes()
     for output in (("--output", source), ("--output-folder", tmp_path)):
-        assert run(source, *LIMIT, *output, report, tmp_path / "report", "--overwrite") == 2
-        assert "is read, and would be replaced" in capfd.readouterr().err
+        told = said(capfd, source, *LIMIT, *output, report, tmp_path / "report", "--overwrite", status=2)
+        assert "is read, and would be replaced" in told
         assert (source.read_bytes() == before, (tmp_path / "report").exists()) == (True, False)
         # Without a report the file may be replaced.
     assert run(source, *LIMIT, "--output", source, "--overwrite") == 0
@@ -340,7 +337,6 @@ def test_reports_of_two_files_that_were_written_to_one_place_are_not_gathered(tm
         source = save_cubes(tmp_path / name / "a.blend", "One")
         line = ("--subdivide", "--output-folder", tmp_path / "out", "--overwrite", "--json", parts / f"{name}.json")
         assert run(source, *LIMIT, *line) == 0
-    assert run("--gather", parts, "--json", tmp_path / "all.json") == 1
-    told = capfd.readouterr().err
+    told = said(capfd, "--gather", parts, "--json", tmp_path / "all.json")
     assert all(str(each) in told for each in (parts / "x.json", parts / "y.json", tmp_path / "out" / "a.blend"))
     assert not (tmp_path / "all.json").exists()

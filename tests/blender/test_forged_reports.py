@@ -17,10 +17,10 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.runs import Capture, run, said, save, skip_unwritten
+from tests.blender.runs import Capture, printed, run, said, save, skip_unwritten
 from tests.blender.test_frames import with_a_shape_key
 from tests.blender.test_left_out_and_lost import rig
-from tests.blender.test_report import OTHERS, SCHEMA, claim, report_in
+from tests.blender.test_report import OTHERS, SCHEMA, claim, report_in, reported
 from tests.thorough import each
 
 DOCS = SCHEMA.with_name("report.md")
@@ -243,23 +243,20 @@ def test_distances_are_proved_again(kind: str, reports: Callable[[str], Path], c
         entry["measured"] = dict(zip(("reached", "proved"), distances, strict=True))
         if kind == "measure":
             entry["settings"]["accuracy"] = 0.5
-        capfd.readouterr()
-        assert run("--verify", claim(reports(kind).with_name("claimed.json"), content)) == (0 if is_true else 1)
-        assert ("the report says a distance" in capfd.readouterr().out) == (not is_true)
+        claimed = claim(reports(kind).with_name("claimed.json"), content)
+        told = printed(capfd, "--verify", claimed, status=0 if is_true else 1)
+        assert ("the report says a distance" in told) == (not is_true)
 
 
 def test_a_report_does_not_hide_what_failed(tmp_path: Path, capfd: Capture) -> None:
     """An object whose driver did not run is not in the list; the others are."""
     source, report = rig(tmp_path / "rig.blend"), tmp_path / "report.json"
-    assert run(source, *ABSOLUTE, "--json", report) == 1
-    content = report_in(report)
+    content = reported(report, source, *ABSOLUTE, status=1)
     [entry] = content["files"]
     assert [each_object["name"] for each_object in entry["objects"]] == ["Plain"]
     # What says that all is well agrees with itself, and the object is not there.
     content["met"], entry["met"], entry["error"] = True, True, None
-    capfd.readouterr()
-    assert run("--verify", claim(report, content)) == 1
-    assert "“Driven” depends on a driver" in capfd.readouterr().out
+    assert "“Driven” depends on a driver" in printed(capfd, "--verify", claim(report, content), status=1)
 
 
 OLD = Path(__file__).with_name("version_1")
@@ -315,8 +312,8 @@ def test_low_levels_and_last_digits_are_no_fault(
     entries = content["files"][0]["objects"]
     source = report.with_name("mirrored.blend")
     weak = report.with_name("weak.json")
-    assert run(source, *ABSOLUTE, "--method", "first-order", "--vertices", "limit", "--json", weak) == 0
-    weaker = report_in(weak)["files"][0]["objects"]
+    line = (source, *ABSOLUTE, "--method", "first-order", "--vertices", "limit")
+    weaker = reported(weak, *line)["files"][0]["objects"]
     assert all(one["level"] > other["level"] for one, other in zip(weaker, entries, strict=True))
     for one, other in zip(weaker, entries, strict=True):
         other |= {name: one[name] for name in ("deepest", "level", "proved")}

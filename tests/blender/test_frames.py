@@ -14,7 +14,7 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.runs import Capture, few_samples, mesh_objects, run, save
 from tests.blender.subdividing import known_count, refuses
-from tests.blender.test_report import report_in
+from tests.blender.test_report import report_in, reported
 from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
 from tests.blender.updating import move_vertex, set_scene
 from tests.thorough import combinations
@@ -364,9 +364,8 @@ def test_depths_over_frames_are_reported(
 
 def test_the_level_over_frames_is_set_in_the_file(animated: Path, tmp_path: Path) -> None:
     report, output = tmp_path / "report.json", tmp_path / "out.blend"
-    line = ("--levels", *LINE, "--output", output, "--json", report)
-    assert run(animated, *line, "--frames", f"1-{LAST}") == 0
-    [each] = report_in(report)["files"][0]["objects"]
+    content = reported(report, animated, "--levels", *LINE, "--output", output, "--frames", f"1-{LAST}")
+    [each] = content["files"][0]["objects"]
     assert run("--verify", report) == 0
     [holder] = mesh_objects(output).values()
     assert holder.modifiers[-1].levels == each["level"] == holder.data.ccdepth.uniform_level
@@ -383,8 +382,8 @@ def test_no_frame_and_negative_ones_are_reported(
     animated: Path, tmp_path: Path, frames: list[str], worst: int | None
 ) -> None:
     report = tmp_path / "report.json"
-    assert run(animated, *LINE, *frames, "--json", report) == 0
-    assert report_in(report)["files"][0]["objects"][0]["worst_frame"] == worst
+    [entry] = reported(report, animated, *LINE, *frames)["files"]
+    assert entry["objects"][0]["worst_frame"] == worst
     assert run("--verify", report) == 0
 
 

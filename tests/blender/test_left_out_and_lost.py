@@ -1,21 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """All is told: what the command line leaves out, works on copies of, loses in a format, and drivers not run."""
 
-import json
 import os
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import bpy
 import pytest
 
 from tests import meshes
-from tests.blender import addon, scene
-from tests.blender.runs import LINE, Capture, mesh_objects, program, run, said, save, save_cubes, skip_unwritten
-from tests.blender.test_report import report_in, sha256
+from tests.blender import addon, runs, scene
+from tests.blender.runs import LINE, Capture, mesh_objects, printed, run, said, save, save_cubes
+from tests.blender.test_report import report_in, reported, sha256
 from tests.thorough import combinations
 
 
@@ -50,8 +48,7 @@ def test_what_is_linked_is_done_on_copies(tmp_path: Path, action: list[str], ove
     source, output, report = linked_cubes(tmp_path, override=override), tmp_path / "out.blend", tmp_path / "a.json"
     before = (tmp_path / "library.blend").read_bytes()
     tolerance = ["--absolute", "--tolerance", "2m"] if "--measure" in action else LINE
-    assert run(source, *tolerance, *action, "--output", output, "--json", report) == 0
-    [entry] = report_in(report)["files"]
+    [entry] = reported(report, source, *tolerance, *action, "--output", output)["files"]
     assert sorted(each["name"] for each in entry["objects"]) == NAMES
     # Four cubes that are alike.
     found = [tuple(each[name] for name in ("faces", "deepest", "level", "result_faces")) for each in entry["objects"]]
@@ -80,9 +77,7 @@ def test_what_is_left_out_is_named(tmp_path: Path, capfd: Capture) -> None:
     instance = scene.add("Instance")
     instance.instance_type, instance.instance_collection = "COLLECTION", inside
     save(path)
-    capfd.readouterr()
-    assert run(path, *LINE, "--json", report) == 0
-    told = capfd.readouterr().err
+    told = said(capfd, path, *LINE, "--json", report, status=0)
     for text in ("Hidden” is left out: hidden", "Label” is left out: font", "Path\\x1b” is left out: curve"):
         assert text in told
     assert "“Instance” is left out: collection instance" in told
@@ -92,8 +87,8 @@ def test_what_is_left_out_is_named(tmp_path: Path, capfd: Capture) -> None:
     assert [each["name"] for each in entry["objects"]] == ["Cube"]
     assert run("--verify", report) == 0
     # Nothing else was asked for.
-    assert run(path, *LINE, "--objects", "Cube", "--json", report, "--overwrite") == 0
-    assert report_in(report)["files"][0]["left_out"] == {}
+    [entry] = reported(report, path, *LINE, "--objects", "Cube", "--overwrite")["files"]
+    assert entry["left_out"] == {}
 
 
 def save_painted(path: Path) -> Path:
@@ -133,14 +128,12 @@ LOST: dict[str, list[str]] = {
 @pytest.mark.every_blender
 @pytest.mark.parametrize("suffix", LOST)
 def test_what_a_format_loses_is_told(tmp_path: Path, suffix: str, capfd: Capture) -> None:
-    skip_unwritten(suffix)
+    runs.skip_unwritten(suffix)
     lost, source = LOST[suffix], save_painted(tmp_path / "cubes.blend")
     out = tmp_path / "deeper" / "out"
     out.mkdir(parents=True)
     output, report = out / f"made{suffix}", tmp_path / "report.json"
-    capfd.readouterr()
-    assert run(source, *LINE, "--subdivide", "--output", output, "--json", report) == 0
-    told = capfd.readouterr().err
+    told = said(capfd, source, *LINE, "--subdivide", "--output", output, "--json", report, status=0)
     [entry] = report_in(report)["files"]
     assert entry["lost"] == lost
     assert (f"lost in {output}: {', '.join(lost)}" in told) == bool(lost)
@@ -172,15 +165,14 @@ def check_paint(folder: Path, output: Path) -> None:
 
 @pytest.mark.parametrize(("suffix", "lost"), [(".obj", True), (".usdc", True), (".glb", False)])
 def test_packed_images_and_further_uv_maps(tmp_path: Path, suffix: str, lost: bool) -> None:
-    skip_unwritten(suffix)
+    runs.skip_unwritten(suffix)
     source, report = save_painted(tmp_path / "cubes.blend"), tmp_path / "report.json"
     bpy.data.images["Paint"].pack()
     bpy.data.objects["One"].data.uv_layers.new(name="Second")
     save(source)
-    assert run(source, *LINE, "--subdivide", "--output", tmp_path / f"made{suffix}", "--json", report) == 0
-    found = report_in(report)["files"][0]["lost"]
-    assert ("images that are in no file" in found) == lost
-    assert ("UV maps but one" in found) == (suffix == ".obj")
+    [entry] = reported(report, source, *LINE, "--subdivide", "--output", tmp_path / f"made{suffix}")["files"]
+    assert ("images that are in no file" in entry["lost"]) == lost
+    assert ("UV maps but one" in entry["lost"]) == (suffix == ".obj")
 
 
 @pytest.mark.parametrize("letter", ["x", "ü"])
@@ -260,10 +252,6 @@ def rig(path: Path, where: str = "shape key") -> Path:
     return save(path)
 
 
-def reported(path: Path) -> dict[str, Any]:
-    return json.loads(path.read_text(encoding="utf-8"))["files"][0]
-
-
 @pytest.mark.every_blender
 @pytest.mark.parametrize("preference", [False, True])
 @pytest.mark.parametrize("where", ["shape key", "modifier", "parent", "another driver", "node group"])
@@ -273,14 +261,14 @@ def test_without_scripts_what_needs_them_fails_and_others_are_done(
     source = rig(tmp_path / "rig.blend", where)
     source.with_suffix(".trace").unlink(missing_ok=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = preference
-    assert run(source, *QUICK, "--subdivide", "--output", tmp_path / "o.stl", "--json", tmp_path / "r.json") == 1
-    found = reported(tmp_path / "r.json")
+    line = (source, *QUICK, "--subdivide", "--output", tmp_path / "o.stl")
+    [found] = reported(tmp_path / "r.json", *line, status=1)["files"]
     assert [each["name"] for each in found["objects"]] == ["Plain"]
     assert (found["met"], found["objects"][0]["met"]) == (False, True)
     assert "“Driven” depends on a driver that did not run" in found["error"]
     assert run("--verify", tmp_path / "r.json") == 1
-    assert run(source, *QUICK, "--objects", "Driven", "--json", tmp_path / "alone.json") == 1
-    assert reported(tmp_path / "alone.json")["objects"] == []
+    [alone] = reported(tmp_path / "alone.json", source, *QUICK, "--objects", "Driven", status=1)["files"]
+    assert alone["objects"] == []
     assert not source.with_suffix(".trace").exists(), "a script ran"
     assert bpy.context.preferences.filepaths.use_scripts_auto_execute is preference
 
@@ -293,20 +281,19 @@ def test_scripts_run_where_blender_was_started_so_in_all_that_a_run_opens(
     written = ("--output", tmp_path / "o.stl", "--json", tmp_path / "r.json")
     words = [str(word) for word in (source, *QUICK, "--subdivide", *written)]
     if bpy.app.binary_path:
-        status = subprocess.run([program()[0], "-b", "-y", *program()[2:], *words]).returncode
+        status = subprocess.run([runs.program()[0], "-b", "-y", *runs.program()[2:], *words]).returncode
     else:
         # The bpy module has no options of Blender.
         monkeypatch.setattr(addon.module("command_line.mesh_files"), "scripts_allowed", lambda: True)
         monkeypatch.setattr(addon.module("command_line.scripted_drivers"), "scripts_allowed", lambda: True)
         status = run(*words)
     assert status == 0
-    found = reported(tmp_path / "r.json")
+    [found] = report_in(tmp_path / "r.json")["files"]
     assert (found["error"], found["met"], len(found["objects"])) == (None, True, 2)
     assert source.with_suffix(".trace").exists()
     monkeypatch.undo()
-    capfd.readouterr()
-    assert run("--verify", tmp_path / "r.json") == 1
-    assert "“Driven” depends on a driver that did not run" in capfd.readouterr().out
+    told = printed(capfd, "--verify", tmp_path / "r.json", status=1)
+    assert "“Driven” depends on a driver that did not run" in told
 
 
 def test_the_last_option_of_blenders_own_holds(monkeypatch: pytest.MonkeyPatch) -> None:

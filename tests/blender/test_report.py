@@ -3,7 +3,6 @@
 
 import csv
 import hashlib
-import io
 import json
 import os
 import re
@@ -19,8 +18,8 @@ import numpy as np
 import pytest
 
 from tests import meshes, thorough
-from tests.blender import addon, scene
-from tests.blender.runs import LINE, Capture, few_samples, mesh_objects, run, said, save, save_cubes, skip_unwritten
+from tests.blender import addon, runs, scene
+from tests.blender.runs import LINE, Capture, mesh_objects, printed, run, said, save, save_cubes
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "report.schema.json"
 
@@ -69,6 +68,12 @@ def report_in(path: Path) -> dict[str, Any]:
     return content
 
 
+def reported(report: Path, *line: object, status: int = 0) -> dict[str, Any]:
+    """The report of a run that ends with this status."""
+    assert run(*line, "--json", report) == status
+    return report_in(report)
+
+
 def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -85,8 +90,7 @@ def test_the_report_of_depths(tmp_path: Path) -> None:
     boolean = bpy.data.objects["One"].modifiers.new("Boolean", "BOOLEAN")
     boolean.object, boolean.operation, boolean.object.location.x = bpy.data.objects["Two"], "UNION", 2.0
     save(source)
-    assert run(source, *LINE, "--output", output, "--json", report) == 0
-    content = report_in(report)
+    content = reported(report, source, *LINE, "--output", output)
     assert content["program"]["version"] == addon.module("state.mesh_values").version()
     assert (content["blender"], content["action"], content["met"]) == (bpy.app.version_string, "depths", True)
     [entry] = content["files"]
@@ -121,12 +125,12 @@ def cube_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_certificate_holds_until_something_is_changed(tmp_path: Path, suffix: str, capfd: Capture) -> None:
     source, report = save_cubes(tmp_path / "cubes.blend", "One", "Two"), tmp_path / "report.json"
     output = tmp_path / f"out{suffix}"
-    skip_unwritten(suffix)
+    runs.skip_unwritten(suffix)
     assert run(source, "--subdivide", *LINE, "--output", output, "--json", report) == 0
-    content, printed = report_in(report), capfd.readouterr().out.split(" Adaptive: Deviation ")[1:]
+    content, told = report_in(report), capfd.readouterr().out.split(" Adaptive: Deviation ")[1:]
     [entry] = content["files"]
     assert entry["output"]["sha256"] == sha256(output)
-    for each, text in zip(entry["objects"], printed, strict=True):
+    for each, text in zip(entry["objects"], told, strict=True):
         distances = each["measured"]
         assert float(text.partition("at least ")[2].split(" cm:")[0]) <= 100.0 * distances["reached"]
         assert 0 < distances["reached"] <= distances["proved"] <= each["tolerance"] == pytest.approx(0.05)
@@ -134,30 +138,27 @@ def test_a_certificate_holds_until_something_is_changed(tmp_path: Path, suffix: 
         assert distances["reached"] <= each["proved"] * (1 + 1e-5)
         assert each["result"] == f"{each['name']} Adaptive"
         assert each["met"] is True
-    assert run("--verify", report) == 0
-    assert "all that the report says holds" in capfd.readouterr().out
+    assert "all that the report says holds" in printed(capfd, "--verify", report)
     for each in entry["objects"]:
         each["measured"] = {"proved": 1e-4, "reached": 1e-5}
-    assert run("--verify", claim(tmp_path / "claimed.json", content)) == 1
-    assert "the report says a distance" in capfd.readouterr().out
+    claimed = claim(tmp_path / "claimed.json", content)
+    assert "the report says a distance" in printed(capfd, "--verify", claimed, status=1)
     output.write_bytes(output.read_bytes() + b"\0")
-    assert run("--verify", report) == 1
-    assert "is not the file that the report names" in capfd.readouterr().out
+    assert "is not the file that the report names" in printed(capfd, "--verify", report, status=1)
     output.unlink()
-    assert run("--verify", report) == 1
-    assert "cannot be read" in capfd.readouterr().out
+    assert "cannot be read" in printed(capfd, "--verify", report, status=1)
 
 
 @pytest.mark.every_blender
 @pytest.mark.parametrize("suffix", OTHERS)
 def test_objects_are_told_by_names_that_are_much_alike_or_could_end_a_line(tmp_path: Path, suffix: str) -> None:
-    skip_unwritten(suffix)
+    runs.skip_unwritten(suffix)
     # In USD files the others have one name.
     alike = [] if suffix == ".usdc" else ["Cube.001", "Cube_001", "cube.001"]
     names = [*alike, "One\nTwo", "Three Four\r"]
     source, report = save_cubes(tmp_path / "cubes.blend", *names), tmp_path / "report.json"
-    assert run(source, "--subdivide", *LINE, "--output", tmp_path / f"out{suffix}", "--json", report) == 0
-    found = {each["name"]: each["met"] for each in report_in(report)["files"][0]["objects"]}
+    content = reported(report, source, "--subdivide", *LINE, "--output", tmp_path / f"out{suffix}")
+    found = {each["name"]: each["met"] for each in content["files"][0]["objects"]}
     assert found == dict.fromkeys(names, True)
     assert run("--verify", report) == 0
 
@@ -170,13 +171,13 @@ def test_a_tolerance_that_is_nearly_reached_is_shown_to_be_met(tmp_path: Path, c
     """Suzanne at 1 mm, which is reached to half a hundredth; benchmarks/certificates.py does it at 0.1 mm. Among forty
     landscapes the one of seed 5 comes nearest to 10 mm: to 0.986 of it."""
     suffix, source = case
-    skip_unwritten(suffix)
+    runs.skip_unwritten(suffix)
     report, line, share = tmp_path / "report.json", ["--tolerance", "1mm"], 0.99
     if source == "landscape":
         scene.add_object(meshes.landscape(4, 3, seed=5))
         line, share = [save(tmp_path / "landscape.blend"), "--tolerance", "10mm"], 0.98
-    assert run(*line, "--subdivide", "--output", tmp_path / f"out{suffix}", "--json", report) == 0
-    [each] = report_in(report)["files"][0]["objects"]
+    content = reported(report, *line, "--subdivide", "--output", tmp_path / f"out{suffix}")
+    [each] = content["files"][0]["objects"]
     assert each["met"] is True
     assert share * each["tolerance"] < each["measured"]["reached"] <= each["measured"]["proved"] <= each["tolerance"]
     assert run("--verify", report) == 0
@@ -209,8 +210,8 @@ def test_a_file_moved_away_from_the_surface_is_found_out(cube_report: Path, tmp_
     assert count * 50 + 84 == len(moved)
     output.write_bytes(moved)
     content["files"][0]["output"]["sha256"] = sha256(output)
-    assert run("--verify", claim(tmp_path / "claimed.json", content)) == 1
-    assert "the report says a distance" in capfd.readouterr().out
+    claimed = claim(tmp_path / "claimed.json", content)
+    assert "the report says a distance" in printed(capfd, "--verify", claimed, status=1)
 
 
 @pytest.mark.parametrize(
@@ -240,30 +241,26 @@ def test_what_is_unchecked_does_not_pass(
         file = content["files"][0]
         holder = {"file": file, "object": file["objects"][0]}.get(each) or holder[each]
     holder[name] = value
-    assert run("--verify", claim(cube_report.with_name("claimed.json"), content)) == 1
-    printed = capfd.readouterr()
-    assert message in printed.out + printed.err
+    claimed = claim(cube_report.with_name("claimed.json"), content)
+    assert message in "".join(runs.outputs(capfd, "--verify", claimed, status=1))
 
 
 def test_distances_of_no_file_do_not_pass(tmp_path: Path, capfd: Capture) -> None:
     source, report = save_cubes(tmp_path / "cube.blend", "One"), tmp_path / "report.json"
-    assert run(source, *LINE, "--json", report) == 0
-    content = report_in(report)
+    content = reported(report, source, *LINE)
     content["files"][0]["objects"][0].update(measured={"proved": 1e-3, "reached": 1e-4}, met=True)
-    assert run("--verify", claim(report, content)) == 1
-    assert "no file in which to measure it again" in capfd.readouterr().out
+    assert "no file in which to measure it again" in printed(capfd, "--verify", claim(report, content), status=1)
 
 
 def test_failures_are_in_the_reports(tmp_path: Path) -> None:
     source = save_cubes(tmp_path / "cube.blend", "One")
     (tmp_path / "bad.ply").write_text("this is no mesh\n")
-    line = [source, tmp_path / "bad.ply", tmp_path / "nowhere.obj", *LINE]
-    assert run(*line, "--json", tmp_path / "report.json", "--csv", tmp_path / "report.csv") == 1
-    content = report_in(tmp_path / "report.json")
+    line = [source, tmp_path / "bad.ply", tmp_path / "nowhere.obj", *LINE, "--csv", tmp_path / "report.csv"]
+    content = reported(tmp_path / "report.json", *line, status=1)
     assert [each["error"] is None for each in content["files"]] == [True, False, False]
     assert content["files"][1]["input"]["sha256"] == sha256(tmp_path / "bad.ply")
     assert content["files"][2]["input"]["sha256"] is None
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "report.csv").read_text(encoding="utf-8"))))
+    rows = list(csv.DictReader((tmp_path / "report.csv").open(encoding="utf-8")))
     assert [Path(row["file"]).name for row in rows] == ["cube.blend", "bad.ply", "nowhere.obj"]
     assert (rows[0]["object"], rows[0]["error"], rows[0]["faces"]) == ("One", "", "6")
     assert "there is no such file" in rows[2]["error"]
@@ -276,7 +273,7 @@ def test_cells_of_the_table_command_nothing(tmp_path: Path, monkeypatch: pytest.
     source = save_cubes(tmp_path / "=cube\x1b[2J.blend", *names)
     monkeypatch.chdir(tmp_path)
     assert run(source.name, *LINE, "--csv", tmp_path / "table.csv") == 0
-    rows = list(csv.DictReader(io.StringIO((tmp_path / "table.csv").read_text(encoding="utf-8"))))
+    rows = list(csv.DictReader((tmp_path / "table.csv").open(encoding="utf-8")))
     assert [row["object"] for row in rows] == ["'=1+1", "'+1", "'-1", "'@SUM(A1)", "a\\x1b[31m=1"]
     assert {row["file"] for row in rows} == {"'=cube\\x1b[2J.blend"}
     assert {row["faces"] for row in rows} == {"6"}
@@ -284,12 +281,10 @@ def test_cells_of_the_table_command_nothing(tmp_path: Path, monkeypatch: pytest.
 
 def test_the_standard_output_holds_the_report_alone(tmp_path: Path, capfd: Capture) -> None:
     source = save_cubes(tmp_path / "cube.blend", "One")
-    capfd.readouterr()
-    assert run(source, *LINE, "--json", "-") == 0
-    printed = capfd.readouterr()
-    [entry] = json.loads(printed.out)["files"]
+    out, told = runs.outputs(capfd, source, *LINE, "--json", "-")
+    [entry] = json.loads(out)["files"]
     assert entry["input"]["path"] == source.as_posix()
-    assert "Certified" in printed.err
+    assert "Certified" in told
 
 
 def test_what_is_no_report(tmp_path: Path, capfd: Capture) -> None:
@@ -317,13 +312,12 @@ def test_names_that_are_not_unicode_stand_in_the_reports(tmp_path: Path, capfd: 
     except OSError:
         pytest.skip("this file system takes no such name")
     json_file, table = tmp_path / "report.json", tmp_path / "table.csv"
-    assert run(source, "--tolerance", "1%", "--json", json_file, "--csv", table) == 0
-    assert report_in(json_file)["files"][0]["input"]["path"] == source.name
+    content = reported(json_file, source, "--tolerance", "1%", "--csv", table)
+    assert content["files"][0]["input"]["path"] == source.name
     assert "cube \\udcff.obj" in table.read_text(encoding="utf-8")
-    assert run(source, "--tolerance", "1%", "--json", "-") == 0
-    printed = capfd.readouterr().out
+    out = printed(capfd, source, "--tolerance", "1%", "--json", "-")
     # Blender itself may have printed something before our command began.
-    content = json.loads(printed[printed.index("{\n") :])
+    content = json.loads(out[out.index("{\n") :])
     assert content["files"][0]["input"]["sha256"] == sha256(source)
     assert run("--verify", json_file) == 0
 
@@ -334,10 +328,9 @@ def test_folders_that_cannot_be_written_to_are_told_before_the_work(
     """As on a file system that is mounted for reading alone; what runs as root may write into any other folder."""
     monkeypatch.setattr(os, "access", lambda path, mode: not (Path(path) == tmp_path and mode == os.W_OK))
     for line in (["--json", tmp_path / "report.json"], ["--output", tmp_path / "out.blend"]):
-        assert run(*line) == 1
-        printed = capfd.readouterr()
-        assert f"the folder {tmp_path} cannot be written to" in printed.err
-        assert "faces" not in printed.out
+        out, told = runs.outputs(capfd, *line, status=1)
+        assert f"the folder {tmp_path} cannot be written to" in told
+        assert "faces" not in out
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
@@ -405,15 +398,14 @@ def test_pictures_of_gathered_pages_are_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
     """The same as in the page of one run, where the reports hold them."""
-    few_samples(monkeypatch)
+    runs.few_samples(monkeypatch)
     folder, html = tmp_path / "parts", tmp_path / "page.html"
     folder.mkdir()
     made = ["--overwrite", "--output-folder", tmp_path / "made"]
     line = ["--subdivide", "--tolerance", "50mm", "--format", "stl", *made]
     sources = [save_cubes(tmp_path / f"{name}.blend", name) for name in ("One", "Two")]
     for number, source in enumerate(sources):
-        assert run(source, *line, "--pictures", "--json", folder / f"{number}.json") == 0
-        report_in(folder / f"{number}.json")
+        reported(folder / f"{number}.json", source, *line, "--pictures")
     assert run(*sources, *line, "--html", tmp_path / "whole.html") == 0
 
     assert run("--gather", folder, "--html", html, "--json", tmp_path / "bare.json") == 0
@@ -422,8 +414,8 @@ def test_pictures_of_gathered_pages_are_the_same(
     assert texts_and_pixels(page) == texts_and_pixels((tmp_path / "whole.html").read_text(encoding="utf-8"))
     content = report_in(tmp_path / "bare.json")
     assert not any("pictures" in each for each in content["files"])
-    assert run("--gather", folder, "--pictures", "--json", tmp_path / "all.json") == 0
-    assert [len(each["pictures"]) for each in report_in(tmp_path / "all.json")["files"]] == [1, 1]
+    content = reported(tmp_path / "all.json", "--gather", folder, "--pictures")
+    assert [len(each["pictures"]) for each in content["files"]] == [1, 1]
     assert run("--verify", tmp_path / "all.json") == 0
     content = report_in(folder / "0.json")
     content["files"][0]["pictures"][0]["heat_map"] = "no picture!"
