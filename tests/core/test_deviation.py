@@ -3,6 +3,7 @@
 
 import tracemalloc
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -208,7 +209,7 @@ def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float, 
     assert found.proved >= back.max() - off_surface(control, 4)
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(2, 12))])
+@pytest.mark.parametrize("seed", each(range(1, 12), short=[1]))
 def test_adaptive_results_of_thin_triangles_are_decided(seed: int) -> None:
     """Needles at the border of random points, where the surface is folded, with default settings."""
     points = np.random.default_rng(seed).random((60, 2))
@@ -261,12 +262,8 @@ def test_a_limit_near_the_distance_is_decided() -> None:
 
 def test_progress_is_told_often_and_may_stop() -> None:
     """Whoever presses Esc is heard soon."""
-
-    def stop(fraction: float) -> None:
-        raise LookupError(fraction)
-
     with pytest.raises(LookupError):
-        measure_deviation(*hills(2), progress=stop)
+        measure_deviation(*hills(2), progress=Mock(side_effect=LookupError))
     told: list[float] = []
     measure_deviation(*hills(5), accuracy=1.0, progress=told.append)
     assert told == sorted(told)

@@ -12,9 +12,8 @@ from ccdepth_addon.core.depth.disproved_levels import MOST_FACES, DisprovedLevel
 from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.depth.tolerance import ToleranceTest
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
-from tests import meshes
+from tests import meshes, nets
 from tests.core.test_distance_depth import MESHES, ROUNDING, case, cases_of
 from tests.drawn_levels import refined
 from tests.triangle_distances import distances
@@ -32,15 +31,10 @@ def drawn(mesh: PolygonMesh, level: int, vertices: Vertices) -> tuple[FloatArray
 
 def far_faces(mesh: PolygonMesh, level: int, vertices: Vertices, tolerance: float) -> BoolArray:
     """(F,): faces with a point of the surface, two levels later, farther from the whole mesh at a level."""
-    fine, owners_of_faces = mesh, np.arange(mesh.face_count)
-    for _ in range(level + 2):
-        owners_of_faces = np.repeat(owners_of_faces, fine.face_sizes)
-        fine = subdivide(fine).mesh
-    limits = limit_positions(fine)
-    limit = tolerance * (1 - ROUNDING)
-    is_far = distances(limits, *drawn(mesh, level, vertices), limit) > limit
+    fine, limit = refined(mesh, level + 2), tolerance * (1 - ROUNDING)
+    is_far = distances(limit_positions(fine.mesh), *drawn(mesh, level, vertices), limit) > limit
     found = np.zeros(mesh.face_count, dtype=bool)
-    found[np.repeat(owners_of_faces, 4)[is_far[fine.corner_vertices]]] = True
+    found[np.repeat(fine.owners, 4)[is_far[fine.mesh.corner_vertices]]] = True
     return found
 
 
@@ -67,7 +61,7 @@ def test_another_sheet_of_the_mesh_near_the_surface_is_not_overlooked(level: int
     """Every face is far from its own triangles; near its surface lies a fine copy of this, part of the same mesh."""
     data = meshes.landscape(5, 4, 2)
     coarse = meshes.build(data)
-    fine = subdivide(subdivide(subdivide(coarse).mesh).mesh).mesh
+    fine = nets.refined(coarse, 3)
     tolerance = 0.01 / 2**level
     every = np.arange(coarse.face_count)
     assert np.count_nonzero(disproved(coarse, vertices, tolerance, level, every)) > 0.8 * len(every)

@@ -7,6 +7,7 @@ from functools import cache, reduce
 from itertools import cycle, product
 from math import ceil, log
 from time import process_time
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -258,12 +259,8 @@ def test_progress_rises_to_the_end_and_may_stop_it(method: str, vertices: str) -
     mesh, expected = build(everything()), expected_of(method, vertices)
     arrays = [mesh.positions, mesh.corner_vertices, mesh.corner_edges, mesh.edge_sharpness, mesh.vertex_sharpness]
     before = [array.copy() for array in arrays]
-
-    def stop(fraction: float) -> None:
-        raise LookupError(fraction)
-
     with pytest.raises(LookupError):
-        face_depths(mesh, TOLERANCE, method, vertices, stop)
+        face_depths(mesh, TOLERANCE, method, vertices, Mock(side_effect=LookupError))
     fractions: list[float] = []
     result = face_depths(mesh, TOLERANCE, method, vertices, fractions.append)
     assert fractions == sorted(fractions)

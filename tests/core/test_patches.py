@@ -13,6 +13,7 @@ from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, regular_nets
 from tests import meshes, nets
 from tests.brute_force import quad_places
+from tests.core.test_foot_bounds import derivative
 from tests.meshes import build
 
 ROUNDING = 1e-13
@@ -52,12 +53,6 @@ def test_quads_beside_triangles_are_irregular() -> None:
     beside = np.array([bool({a, b, c, d} & set(face)) for face in faces] + [True, True])
     kinds = classify_patches(mesh).kinds
     np.testing.assert_array_equal(kinds, np.where(beside, PatchKind.IRREGULAR, PatchKind.REGULAR))
-
-
-def spline_points(net: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(P, n, 3): the uniform bicubic B-spline patches of (4, 4, P, 3) nets at places (n, 2)."""
-    along, across = (nets.spline_derivatives(each)[0] for each in places.T)
-    return np.einsum("in,jn,ijpx->pnx", along, across, net)
 
 
 def creased_lines() -> tuple[meshes.MeshData, meshes.MeshData]:
@@ -107,10 +102,10 @@ def test_nets_are_the_surface(name: str) -> None:
     net, fine = regular_nets(mesh, faces), nets.refined(mesh, 3)
     corners = 4**3 * mesh.face_starts[faces, None] + np.arange(4**4)
     found = limit_positions(fine)[fine.corner_vertices[corners]]
-    np.testing.assert_allclose(found, spline_points(net, quad_places(3)), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(found.swapaxes(0, 1), derivative(net, quad_places(3), 0, 0), rtol=0, atol=ROUNDING)
     if name in ("boundary", "landscape", "single quad", "crossing creases", "creased valence 6"):
         # Six plain steps leave every vertex within M/3 · 4⁻⁶ of the surface, with no formula for limits involved.
-        fine, norm = nets.refined(mesh, 6), second_order_norm_regular(net)[:, None]
+        fine, norm = nets.refined(mesh, 6), second_order_norm_regular(net)
         found = fine.positions[fine.corner_vertices].reshape(mesh.face_count, -1, 3)[faces]
-        off = found - spline_points(net, quad_places(6))
+        off = found.swapaxes(0, 1) - derivative(net, quad_places(6), 0, 0)
         assert np.all(np.linalg.norm(off, axis=-1) <= norm / 3 / 4**6 + ROUNDING)

@@ -2,6 +2,7 @@
 """The search for few triangles, with meshes that are known to be near enough or too far off."""
 
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -114,9 +115,7 @@ def test_nothing_is_proved_where_nothing_is_within_the_limit() -> None:
 
 
 def test_a_search_can_be_stopped() -> None:
-    def stop(fraction: float) -> None:
-        raise LookupError(fraction)
-
+    stop = Mock(side_effect=LookupError)
     with pytest.raises(LookupError):
         Reduction(control(), at_level(3), LIMIT, stop)
     search = Reduction(control(), at_level(3), LIMIT, no_report)
