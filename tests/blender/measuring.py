@@ -78,8 +78,7 @@ def add_part(data: meshes.MeshData, numbers: NDArray[np.intp]) -> bpy.types.Obje
     added = scene.add_object(data)
     added.data.attributes.new("base_face", "INT", "FACE").data.foreach_set("value", numbers.astype(np.int32))
     uvs = np.concatenate([corner_parameters(size) for size in data.face_sizes.tolist()])
-    added.data.uv_layers.new(name="Parameters")
-    added.data.uv_layers["Parameters"].uv.foreach_set("vector", uvs.reshape(-1).astype(np.float32))
+    added.data.uv_layers.new(name="Parameters").uv.foreach_set("vector", uvs.reshape(-1).astype(np.float32))
     return added
 
 
@@ -118,25 +117,18 @@ class BlenderLevels(Levels):
         super().__init__(core)
         self._numbers = np.arange(core.face_count)
         self._parameters = [np.concatenate([corner_parameters(size) for size in data.face_sizes.tolist()])]
-        self._object = add_part(data, self._numbers)
-        scene.add_subdivision(self._object, 1, boundary).uv_smooth = "NONE"
+        # Its one modifier makes the levels.
+        self.object = add_part(data, self._numbers)
+        scene.add_subdivision(self.object, 1, boundary).uv_smooth = "NONE"
         self._points: dict[int, FloatArray] = {}
 
     def mesh(self, level: int) -> PolygonMesh:
         if level not in self._points:
-            self._points[level] = self._positions(level)
+            self._points[level] = self.shown(level)
         return replace(self.subdivided(level), positions=self._points[level])
-
-    @property
-    def object(self) -> bpy.types.Object:
-        """The object whose one modifier makes the levels."""
-        return self._object
 
     def shown(self, level: int) -> FloatArray:
         """(V, 3): what the modifier makes of a level as it is set now, in the core's order."""
-        return self._positions(level)
-
-    def _positions(self, level: int) -> FloatArray:
         order = self.subdivided(level)
         while len(self._parameters) <= level:
             finer = self.subdivided(len(self._parameters) - 1)
@@ -145,11 +137,11 @@ class BlenderLevels(Levels):
         faces = np.repeat(self._numbers, np.diff(self.subdivided(0).face_starts) * 4**level)
         if not level:
             return self._data.positions
-        found = level_of(self._object, level)
+        found = level_of(self.object, level)
         positions = order.positions.copy()
         positions[order.corner_vertices[corners]] = found.at(faces[corners], self._parameters[level][corners])
         return positions
 
     def remove(self) -> None:
         """Take the part out of Blender again."""
-        bpy.data.meshes.remove(self._object.data)
+        bpy.data.meshes.remove(self.object.data)

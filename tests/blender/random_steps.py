@@ -324,17 +324,10 @@ def add_shape_keys(rng: Random) -> None:
     if way < 2:
         key.driver_add("value").driver.expression = ("frame / 10", "no_such_name")[way]
     elif way == 2:
-        _animate(key, "value", 0.9)
+        scene.animate(key, "value", {1: key.value, 20: 0.9})
     elif way == 3:
         track = keys.animation_data_create().nla_tracks.new()
         track.strips.new("Strip", 1, bpy.data.actions.new("Action"))
-
-
-def _animate(holder: Any, name: str, last: Any) -> None:
-    """Let a setting go from what it is to another value."""
-    holder.keyframe_insert(name, frame=1)
-    setattr(holder, name, last)
-    holder.keyframe_insert(name, frame=20)
 
 
 def add_creases(rng: Random) -> None:
@@ -504,7 +497,7 @@ def animate(rng: Random) -> None:
     """Another frame, keyed objects and modifiers."""
     step_frame(rng)
     holder = one(rng, editable_of_any_type())
-    _animate(holder, "scale", rng.uniform(0.5, 2, 3).tolist())
+    scene.animate(holder, "scale", {1: holder.scale[:], 20: rng.uniform(0.5, 2, 3).tolist()})
     one(rng, holder.modifiers).keyframe_insert(one(rng, ("levels", "strength", "show_viewport", "thickness")), frame=1)
 
 

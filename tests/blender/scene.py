@@ -2,6 +2,8 @@
 """Blender objects for tests, made and read through bpy.data alone, without the add-on's own reading code."""
 
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -32,6 +34,13 @@ VALUES: dict[str, tuple[str, type, int]] = {
 def clear() -> None:
     """Remove every object and mesh of the file."""
     bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+
+
+def open_again(folder: Path) -> None:
+    """Save the file and open it, in a folder."""
+    path = str(folder / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
 
 
 def add_object(data: MeshData, name: str = "Mesh") -> bpy.types.Object:
@@ -133,19 +142,35 @@ def add_subdivision(blender_object: bpy.types.Object, levels: int, boundary: str
     return modifier
 
 
+def values_of(items: Any, name: str, dtype: type, width: int = 1) -> NDArray:
+    """(N, D): a property of every item of a collection."""
+    values = np.zeros(len(items) * width, dtype=dtype)
+    if len(items):
+        items.foreach_get(name, values)
+    return values.reshape(-1, width)
+
+
 def read(mesh: bpy.types.Mesh, name: str) -> NDArray:
     """(N, D): the values of an attribute."""
     attribute = mesh.attributes[name]
-    value, dtype, width = VALUES[attribute.data_type]
-    values = np.empty(len(attribute.data) * width, dtype=dtype)
-    attribute.data.foreach_get(value, values)
-    return values.reshape(-1, width)
+    return values_of(attribute.data, *VALUES[attribute.data_type])
 
 
 def write(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: NDArray) -> None:
     value, dtype, _ = VALUES[data_type]
     attribute = mesh.attributes.new(name, data_type, domain)
     attribute.data.foreach_set(value, np.asarray(values, dtype=dtype).ravel())
+
+
+def animate(owner: bpy.types.bpy_struct, name: str, values: dict[int, Any]) -> None:
+    """Key a setting, with the values by their frames."""
+    for frame, value in values.items():
+        setattr(owner, name, value)
+        owner.keyframe_insert(name, frame=frame)
+
+
+def selected_faces(holder: bpy.types.Object) -> list[int]:
+    return [face.index for face in holder.data.polygons if face.select]
 
 
 def put_nowhere(holder: bpy.types.Object, coordinate: int, value: float = float("nan")) -> None:
@@ -166,21 +191,15 @@ def add_key(holder: bpy.types.Object, name: str = "Key", value: float = 0.0) -> 
 
 def mesh_data(mesh: bpy.types.Mesh) -> MeshData:
     """Positions and faces of a Blender mesh; its loose vertices stay, loose edges and creases are left out."""
-    sizes = np.zeros(len(mesh.polygons), dtype=np.intc)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    corners = np.zeros(len(mesh.loops), dtype=np.intc)
-    mesh.loops.foreach_get("vertex_index", corners)
-    positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
-    mesh.vertices.foreach_get("co", positions)
-    return MeshData(positions.reshape(-1, 3).astype(np.float64), sizes.astype(np.intp), corners.astype(np.intp))
+    sizes, corners = values_of(mesh.polygons, "loop_total", np.intc), values_of(mesh.loops, "vertex_index", np.intc)
+    positions = values_of(mesh.vertices, "co", np.float32, 3).astype(np.float64)
+    return MeshData(positions, sizes[:, 0].astype(np.intp), corners[:, 0].astype(np.intp))
 
 
 def triangles_of(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
     """(T, 3): the vertices of the triangles Blender draws."""
     mesh.calc_loop_triangles()
-    found = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
-    mesh.loop_triangles.foreach_get("vertices", found)
-    return found.reshape(-1, 3)
+    return values_of(mesh.loop_triangles, "vertices", np.int32, 3)
 
 
 def evaluated_mesh_data(blender_object: bpy.types.Object) -> MeshData:
@@ -194,16 +213,12 @@ def evaluated_mesh_data(blender_object: bpy.types.Object) -> MeshData:
 def polygon_mesh_of(mesh: bpy.types.Mesh) -> PolygonMesh:
     """The core's mesh of a Blender mesh, with its edges, loose ones too, and creases; no boundary rule applied."""
     data = mesh_data(mesh)
-    corner_edges = np.zeros(len(mesh.loops), dtype=np.intc)
-    mesh.loops.foreach_get("edge_index", corner_edges)
-    edge_vertices = np.zeros(2 * len(mesh.edges), dtype=np.intc)
-    mesh.edges.foreach_get("vertices", edge_vertices)
     return PolygonMesh(
         positions=data.positions,
         face_starts=np.concatenate([[0], np.cumsum(data.face_sizes)]).astype(np.intp),
         corner_vertices=data.corner_vertices,
-        corner_edges=corner_edges.astype(np.intp),
-        edge_vertices=edge_vertices.reshape(-1, 2).astype(np.intp),
+        corner_edges=values_of(mesh.loops, "edge_index", np.intc)[:, 0].astype(np.intp),
+        edge_vertices=values_of(mesh.edges, "vertices", np.intc, 2).astype(np.intp),
         edge_sharpness=crease_to_sharpness(_creases(mesh, "crease_edge", len(mesh.edges))),
         vertex_sharpness=crease_to_sharpness(_creases(mesh, "crease_vert", len(mesh.vertices))),
     )

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from tests.blender.addon import ATTRIBUTES
-from tests.blender.scene import VALUES
+from tests.blender.scene import VALUES, values_of
 
 Path = tuple[str, ...]
 Snapshot = dict[Path, Any]
@@ -264,7 +264,4 @@ def mesh_content(mesh: bpy.types.Mesh) -> Iterator[tuple[Path, Any]]:
 
 def _read(items: Any, name: str, dtype: type, width: int) -> int:
     """A checksum of the bytes of a property of every item."""
-    values: Any = np.zeros(len(items) * width, dtype=dtype)
-    if len(items):
-        items.foreach_get(name, values)
-    return crc32(values.tobytes())
+    return crc32(values_of(items, name, dtype, width).tobytes())

@@ -6,6 +6,7 @@ import gc
 from collections.abc import Callable, Generator
 from dataclasses import replace
 from itertools import islice, product
+from unittest.mock import Mock
 
 import bpy
 import numpy as np
@@ -165,10 +166,7 @@ def test_edit_mode_is_left_and_entered_again(output: str) -> None:
     ],
 )
 def test_edit_mode_stays_whatever_fails(operator: str, module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def failing(*_: object, **__: object) -> None:
-        raise LookupError("odd")
-
-    monkeypatch.setattr(addon.module(module), name, failing)
+    monkeypatch.setattr(addon.module(module), name, Mock(side_effect=LookupError("odd")))
     with addon.edit_mode(scene.add_object(meshes.cube())):
         with pytest.raises(RuntimeError, match="odd"):
             getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE)

@@ -265,11 +265,10 @@ def test_limit_normals_on_request(deformable: bool) -> None:
     mesh, subdivided = comparison.mesh, comparison.subdivided
     assert all(polygon.use_smooth for polygon in mesh.polygons)
     expected = limit_normals(comparison.control, subdivided.corner_points)
-    found = np.empty(3 * len(mesh.loops), dtype=np.float32)
-    mesh.corner_normals.foreach_get("vector", found)
+    found = scene.values_of(mesh.corner_normals, "vector", np.float32, 3)
     # As they are, or as angles in 16 bits: those are up to π, from normals that may be far off.
     free = bpy.app.version >= (4, 5) and not deformable
-    np.testing.assert_allclose(found.reshape(-1, 3), expected, atol=full_mesh.ROUNDING if free else 1e-3, rtol=0)
+    np.testing.assert_allclose(found, expected, atol=full_mesh.ROUNDING if free else 1e-3, rtol=0)
     # Those that are as they are would not follow what groups move.
     assert bpy.app.version < (4, 5) or (mesh.attributes["custom_normal"].data_type == "FLOAT_VECTOR") == free
     by_vertex = np.zeros((len(mesh.vertices), 3))

@@ -222,8 +222,7 @@ def edited() -> None:
 
 def moving() -> None:
     holder = scene.add_object(meshes.landscape(4, 4))
-    for frame, holder.scale.z in ((1, 1.0), (8, 3.0)):
-        holder.keyframe_insert("scale", frame=frame)
+    scene.animate(holder, "scale", {1: (1.0, 1.0, 1.0), 8: (1.0, 1.0, 3.0)})
     addon.select(holder)
     bpy.context.scene.frame_set(3)
 

@@ -5,6 +5,7 @@ import csv
 import re
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import bpy
 import numpy as np
@@ -33,9 +34,7 @@ def certified_and_coarse() -> None:
 
 
 def key(owner: bpy.types.bpy_struct, name: str, first: object, later: object) -> None:
-    for frame, value in ((FIRST, first), (LAST, later)):
-        setattr(owner, name, value)
-        owner.keyframe_insert(name, frame=frame)
+    scene.animate(owner, name, {FIRST: first, LAST: later})
 
 
 def told_by_the_panel(holder: bpy.types.Object) -> str:
@@ -57,8 +56,7 @@ def with_a_shape_key(plain: bpy.types.Object | None = None) -> bpy.types.Object:
     shape = scene.add_key(holder)
     for vertex in shape.data:
         vertex.co.z += 0.15 * np.sin(9 * vertex.co.x)
-    for frame, shape.value in ((FIRST, 0.0), (8, 1.0), (LAST, 0.3)):
-        shape.keyframe_insert("value", frame=frame)
+    scene.animate(shape, "value", {FIRST: 0.0, 8: 1.0, LAST: 0.3})
     return holder
 
 
@@ -70,8 +68,7 @@ def with_an_armature() -> bpy.types.Object:
     holder.modifiers.new("Armature", "ARMATURE").object = rig
     pose = rig.pose.bones["Bone"]
     pose.rotation_mode = "XYZ"
-    for frame, pose.rotation_euler.x in ((FIRST, 0.0), (8, 1.2), (LAST, 0.5)):
-        pose.keyframe_insert("rotation_euler", frame=frame)
+    scene.animate(pose, "rotation_euler", {FIRST: (0.0, 0.0, 0.0), 8: (1.2, 0.0, 0.0), LAST: (0.5, 0.0, 0.0)})
     return holder
 
 
@@ -465,10 +462,7 @@ def test_what_cannot_be_examined_is_not_current(monkeypatch: pytest.MonkeyPatch,
     holder = scene.add_suzanne()
     addon.compute(holder)
 
-    def failing(*_: object, **__: object) -> None:
-        raise LookupError("odd")
-
-    monkeypatch.setattr(addon.module("state.still_holds"), "object_state", failing)
+    monkeypatch.setattr(addon.module("state.still_holds"), "object_state", Mock(side_effect=LookupError("odd")))
     holder.scale.x = 2.0
     bpy.context.view_layer.update()
     expect(holder, mesh_line(holder))

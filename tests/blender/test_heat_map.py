@@ -43,9 +43,7 @@ def test_viewports_stay_as_they_are_and_so_does_a_file_that_is_opened_again(tmp_
     for shown in ("DEPTH", "DISTANCE", "NONE", "DEVIATION"):
         bpy.context.scene.ccdepth.heat_map = shown
         assert appearances() == before
-    path = str(tmp_path / "saved.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
+    scene.open_again(tmp_path)
     assert appearances() == before
     assert bpy.context.scene.ccdepth.heat_map == "DEVIATION"
     bpy.ops.ccdepth.clear()
@@ -60,9 +58,7 @@ def test_an_old_file_gets_its_viewports_back_once_and_clear_removes_its_colours(
     assert not view.overlay.show_wireframes
     assert view.overlay.wireframe_opacity == 1.0
     view.shading.color_type = "VERTEX"
-    path = str(tmp_path / "again.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
+    scene.open_again(tmp_path)
     assert views()[0].shading.color_type == "VERTEX"
     holder = bpy.context.scene.objects[0]
     assert holder.data.attributes.active_color_name == "ccdepth_color"

@@ -10,6 +10,7 @@ from importlib import import_module
 from itertools import combinations, pairwise, product
 from types import ModuleType
 from typing import Any
+from unittest.mock import Mock
 
 import bpy
 import pytest
@@ -403,12 +404,9 @@ def test_work_in_a_thread_tells_its_progress_and_returns() -> None:
 
 @pytest.mark.parametrize("in_threads", [False, True])
 def test_what_work_raises_arrives_in_the_steps_and_goes_on(in_threads: bool) -> None:
-    def work(_progress: object) -> None:
-        raise MemoryError
-
     faults: list[BaseException] = []
     with pytest.raises(MemoryError):
-        begun(work, in_threads=in_threads, faults=faults).run()
+        begun(Mock(side_effect=MemoryError), in_threads=in_threads, faults=faults).run()
     assert [type(fault) for fault in faults] == [MemoryError]
 
 

@@ -119,8 +119,7 @@ def test_a_result_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: str, out
         np.testing.assert_array_equal(shape(holder), before)
         assert addon.is_untouched([holder])
     name = result.name
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    scene.open_again(tmp_path)
     check_result(bpy.data.objects[name], wanted, keys=keys)
     own = {mesh for mesh in bpy.data.meshes if not mesh.library and mesh.shape_keys}
     assert {key.user for key in bpy.data.shape_keys if not key.library} == own

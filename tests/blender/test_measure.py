@@ -156,8 +156,8 @@ def test_of_several_the_others_are_measured_against_the_active_one(editing: bool
     assert near.data.ccdepth.deviation_reached < 0.1
     assert moved.data.ccdepth.deviation > 0.5
     assert len(addon.deviations(first)) == len(first.data.polygons)
-    np.testing.assert_array_equal(selected(near), [])
-    np.testing.assert_array_equal(selected(moved), [moved.data.ccdepth.measurement.worst_face])
+    assert scene.selected_faces(near) == []
+    assert scene.selected_faces(moved) == [moved.data.ccdepth.measurement.worst_face]
 
 
 def test_faces_that_modifiers_make_go_back_to_the_mesh() -> None:
@@ -316,10 +316,6 @@ def test_the_heat_map_shows_what_was_done_last() -> None:
     assert settings.heat_map == "NONE"
 
 
-def selected(holder: bpy.types.Object) -> np.ndarray:
-    return np.flatnonzero([face.select for face in holder.data.polygons])
-
-
 def view() -> bpy.types.RegionView3D:
     return next(area.spaces.active.region_3d for area in bpy.context.screen.areas if area.type == "VIEW_3D")
 
@@ -334,7 +330,7 @@ def test_the_worst_face_is_selected_and_framed(editing: bool) -> None:
         assert bpy.ops.ccdepth.select_worst(frame=True) == {"FINISHED"}
     with addon.edit_mode(holder):
         pass
-    np.testing.assert_array_equal(selected(holder), [found.worst_face])
+    assert scene.selected_faces(holder) == [found.worst_face]
     np.testing.assert_allclose(view().view_location, found.worst_point, rtol=1e-6)
     holder.data.polygons[found.worst_face].hide = True
     assert bpy.ops.ccdepth.select_worst() == {"CANCELLED"}

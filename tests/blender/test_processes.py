@@ -352,7 +352,8 @@ def test_files_that_are_broken_at_random(tmp_path: Path, suffix: str, part: int)
     ended = run_in(tmp_path, command)
     assert ended.returncode in (0, 1), ended.stdout[-2000:]
     assert not re.findall(r'File ".*ccdepth.*', ended.stdout)
-    entries = json.loads((tmp_path / report).read_text(encoding="utf-8"))["files"]
+    content = json.loads((tmp_path / report).read_text(encoding="utf-8"))
+    entries = content["files"]
     assert [each["input"]["path"] for each in entries] == sources
     for entry in entries:
         assert not re.match(r"\w+(Error|Exception|Exit)\b|ccdepth\..* went wrong", entry["error"] or ""), entry
@@ -362,7 +363,6 @@ def test_files_that_are_broken_at_random(tmp_path: Path, suffix: str, part: int)
     # Those that are said to be well are so by themselves.
     good = [entry for entry in entries if entry["met"]]
     assert all(each["met"] for entry in good for each in entry["objects"])
-    content = json.loads((tmp_path / report).read_text(encoding="utf-8"))
     # Each by a new process: a broken .blend file harms what Blender reads after it.
     for entry in good:
         (tmp_path / "good.json").write_text(json.dumps(content | {"files": [entry], "met": True}), encoding="utf-8")

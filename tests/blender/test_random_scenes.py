@@ -4,10 +4,10 @@
 Each part is some scenes of its own, those of a seed; what fails is reported with the fewest steps that were found.
 """
 
-import os
 import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -243,9 +243,7 @@ class Scenes(RuleBasedStateMachine):
     def save_and_load(self, rng: Random) -> None:
         """Results come back from the file as they were saved."""
         before = _results()
-        file = os.path.join(tempfile.mkdtemp(prefix="saved"), "scene.blend")
-        bpy.ops.wm.save_as_mainfile(filepath=file)
-        bpy.ops.wm.open_mainfile(filepath=file)
+        scene.open_again(Path(tempfile.mkdtemp(prefix="saved")))
         assert before == (after := _results()), f"saving and loading: {before} became {after}"
         self.before_result = None
 

@@ -294,10 +294,6 @@ def test_other_objects_among_the_selected_and_a_loose_vertex_nowhere_do_not_matt
     assert holder.data.ccdepth.has_deviation
 
 
-def selected(holder: bpy.types.Object) -> list[int]:
-    return [face.index for face in holder.data.polygons if face.select]
-
-
 @pytest.mark.parametrize(("output", "reduce"), combinations(["NEW_OBJECT", "IN_PLACE"], [False, True]))
 def test_faces_without_area_are_subdivided(output: str, reduce: bool) -> None:
     holder = scene.add_object(meshes.with_collapsed_faces(meshes.landscape(5, 4)))
@@ -329,11 +325,11 @@ def test_the_report_names_the_remedy_which_selects_what_was_refused() -> None:
         holder,
     )
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
-    assert selected(holder) == [2, 7, 11]
+    assert scene.selected_faces(holder) == [2, 7, 11]
     assert bpy.ops.ccdepth.edit_faces() == {"FINISHED"}
     assert tuple(bpy.context.scene.tool_settings.mesh_select_mode) == (False, False, True)
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert selected(holder) == [2, 7, 11]
+    assert scene.selected_faces(holder) == [2, 7, 11]
 
 
 def test_selects_in_edit_mode_and_what_is_left_is_accepted() -> None:
@@ -352,11 +348,15 @@ def test_selects_in_edit_mode_and_what_is_left_is_accepted() -> None:
 def test_selects_on_several_objects_and_leaves_the_others_alone() -> None:
     first, second = with_repeated_vertices(3), with_repeated_vertices(0, 5)
     good = scene.add_object(meshes.cube(), "Good")
-    before = selected(good)
+    before = scene.selected_faces(good)
     # Another object that uses the mesh is no other mesh.
     refuses("compute", r"(?s)Scan: 1 face.*Scan\.001: 2 faces", first, scene.add_mesh(first.data), second, good)
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
-    assert (selected(first), selected(second), selected(good)) == ([3], [0, 5], before)
+    assert (scene.selected_faces(first), scene.selected_faces(second), scene.selected_faces(good)) == (
+        [3],
+        [0, 5],
+        before,
+    )
 
 
 def mask_all_but(holder: bpy.types.Object, face: int) -> None:
@@ -373,7 +373,7 @@ def test_selects_what_is_invalid_in_any_object_of_a_mesh() -> None:
         scene.put_nowhere(first, 3 * vertex)
     refuses("compute", "1 vertex at no finite position", *holders)
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
-    assert selected(first) == [0, 11]
+    assert scene.selected_faces(first) == [0, 11]
 
 
 def test_faces_that_modifiers_repeat_and_those_that_lose_an_edge_to_one() -> None:
@@ -382,7 +382,7 @@ def test_faces_that_modifiers_repeat_and_those_that_lose_an_edge_to_one() -> Non
     holder.modifiers.new("Array", "ARRAY").count = 3
     refuses("compute", "3 faces with a repeated vertex", holder)
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
-    assert selected(holder) == [3]
+    assert scene.selected_faces(holder) == [3]
     masked = with_repeated_vertices(0)
     mask_all_but(masked, 0)
     refuses("compute", "1 face with a repeated vertex", masked)
@@ -393,7 +393,7 @@ def test_hidden_faces_stay_hidden() -> None:
     for face in holder.data.polygons:
         face.hide = face.index == 2
     addon.finish("select_invalid", holder)
-    assert selected(holder) == [7]
+    assert scene.selected_faces(holder) == [7]
     holder.data.polygons[7].hide = True
     assert bpy.ops.ccdepth.select_invalid() == {"CANCELLED"}
     assert holder.data.polygons[2].hide
@@ -402,10 +402,10 @@ def test_hidden_faces_stay_hidden() -> None:
 def test_nothing_is_invalid() -> None:
     holder = scene.add_suzanne()
     addon.select(holder)
-    before = selected(holder)
+    before = scene.selected_faces(holder)
     for operator in (bpy.ops.ccdepth.select_invalid, bpy.ops.ccdepth.repair):
         assert operator() == {"CANCELLED"}
-        assert selected(holder) == before
+        assert scene.selected_faces(holder) == before
 
 
 def test_corners_at_no_vertex_are_refused() -> None:

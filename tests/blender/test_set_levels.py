@@ -40,8 +40,7 @@ def test_the_modifier_gets_the_uniform_level(vertices: str, present: bool) -> No
     assert levels(holder) == [(level, level, vertices == "LIMIT")]
     if present:
         assert holder.modifiers[0].boundary_smooth == "PRESERVE_CORNERS"
-    bpy.context.view_layer.update()
-    addon.module("state.watch").examine()
+    addon.examine_touched()
     assert not addon.module("state.out_of_date").is_stale(holder.data)
 
 

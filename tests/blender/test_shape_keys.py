@@ -8,6 +8,7 @@ Key in the file, and saving a file with such a Key fails.
 
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import bpy
 import numpy as np
@@ -33,10 +34,7 @@ def with_keys(holder: bpy.types.Object) -> bpy.types.Object:
 
 def points(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
     """(V, 3): where a key has the vertices."""
-    key = mesh.shape_keys.key_blocks[name]
-    found = np.empty(3 * len(key.points), dtype=np.float32)
-    key.points.foreach_get("co", found)
-    return found.reshape(-1, 3)
+    return scene.values_of(mesh.shape_keys.key_blocks[name].points, "co", np.float32, 3)
 
 
 def test_shape_keys_stay_with_their_settings(comparison: Comparison) -> None:
@@ -237,10 +235,7 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
 def test_runs_that_fail_leave_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, name: str) -> None:
     holder = cube_with_keys(modifier=name == "mesh_arrays")
 
-    def fail(*_: object, **__: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr(addon.module(module), name, fail)
+    monkeypatch.setattr(addon.module(module), name, Mock(side_effect=MemoryError))
     refused(holder, match="not enough memory")
     assert [mesh.name for mesh in bpy.data.meshes] == [holder.data.name]
     check_keys(tmp_path, [holder.data.name])

@@ -223,9 +223,7 @@ def test_renamed_objects_are_told_by_their_names(tmp_path: Path) -> None:
     """Of a measurement, also after the file was loaded again."""
     made = made_of(creased_source())
     made.source.name, made.other.name = "Surface", "Measured"
-    path = f"{tmp_path}/saved.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
+    scene.open_again(tmp_path)
     other = bpy.data.objects["Measured"]
     facts = addon.module("ui.facts").facts_of_measurement(bpy.context.scene, other)
     assert [fact.value for fact in facts[:2]] == ["Measured", "Surface"]
@@ -459,12 +457,10 @@ def test_a_duplicate_that_goes_away() -> None:
     assert stale_line(first) == mesh_line(first)
 
 
-def test_files_are_examined_when_they_are_loaded(tmp_path: object) -> None:
+def test_files_are_examined_when_they_are_loaded(tmp_path: Path) -> None:
     made = made_of(creased_source())
-    path = f"{tmp_path}/saved.blend"
     for kinds in ("", ALL):
-        bpy.ops.wm.save_as_mainfile(filepath=path)
-        bpy.ops.wm.open_mainfile(filepath=path)
+        scene.open_again(tmp_path)
         made = made.found_again()
         made.source.name = "Renamed"
         made.source.name = "Source"

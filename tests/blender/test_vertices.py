@@ -91,9 +91,7 @@ def test_frames_have_the_vertices_of_each() -> None:
     for vertices in VERTICES:
         addon.compute(holder, vertices=vertices)
         of[vertices] = addon.depths(holder)
-    for frame, is_on in ((1, True), (2, False)):
-        modifier.use_limit_surface = is_on
-        modifier.keyframe_insert("use_limit_surface", frame=frame)
+    scene.animate(modifier, "use_limit_surface", {1: True, 2: False})
     bpy.context.scene.frame_set(1)
     addon.compute(holder, frames="CUSTOM", frame_list="1,2")
     np.testing.assert_array_equal(addon.depths(holder), np.maximum(of["CONTROL"], of["LIMIT"]))
