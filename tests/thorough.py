@@ -31,7 +31,13 @@ def combinations(*factors: Iterable[Any]) -> list[Any]:
     return cases(product(*lists), short)
 
 
-def cases(values: Iterable[tuple[Any, ...]], short: Iterable[tuple[Any, ...]]) -> list[Any]:
-    """Parameters for several arguments at once: all of `values`; those not in `short` are marked ``thorough``."""
-    kept = list(short)
-    return [pytest.param(*value, marks=() if value in kept else pytest.mark.thorough) for value in values]
+def cases(
+    values: Iterable[tuple[Any, ...]], short: Iterable[tuple[Any, ...]], everywhere: Iterable[tuple[Any, ...]] = ()
+) -> list[Any]:
+    """Parameters for several arguments at once: all of `values`; those not in `short` are marked ``thorough``, those in
+    `everywhere` ``every_blender``."""
+    kept, depending, found = list(short), list(everywhere), []
+    for value in values:
+        marks = [pytest.mark.thorough] * (value not in kept) + [pytest.mark.every_blender] * (value in depending)
+        found.append(pytest.param(*value, marks=marks))
+    return found

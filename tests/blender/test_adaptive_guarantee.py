@@ -27,7 +27,7 @@ from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import linear_children
-from tests.thorough import combinations
+from tests.thorough import cases, combinations
 
 FloatArray = NDArray[np.float64]
 
@@ -152,8 +152,7 @@ def drawn(
     faces = np.split(made.corner_vertices, made.face_starts[1:-1])
     mesh.from_pydata(made.positions.tolist(), [], [face.tolist() for face in faces])
     triangles = scene.triangles_of(mesh)
-    polygons = np.zeros(len(mesh.loop_triangles), dtype=np.int32)
-    mesh.loop_triangles.foreach_get("polygon_index", polygons)
+    polygons = scene.values_of(mesh.loop_triangles, "polygon_index", np.int32)[:, 0]
     points = scene.mesh_data(mesh).positions @ world.T
     bpy.data.meshes.remove(mesh)
     return Drawn(points, triangles.astype(np.intp), made.base_faces[polygons], found.bounds[polygons])
@@ -227,18 +226,14 @@ def assert_within(
         assert_surface_near_mesh(mesh, surface, tolerance * diagonal, slack)
 
 
-def marked() -> list[object]:
-    """Each case with each of its tolerances."""
-    found = []
-    for name, case in CASES.items():
-        for tolerance in [each for each in TOLERANCES if each >= case.least]:
-            marks = [] if tolerance in case.short else [pytest.mark.thorough]
-            marks += [pytest.mark.every_blender] * (name in EVERYWHERE and tolerance == case.short[0])
-            found.append(pytest.param(name, tolerance, marks=marks))
-    return found
+# Each case with each of its tolerances.
+EVERY = [(name, relative) for name, case in CASES.items() for relative in TOLERANCES if relative >= case.least]
+SHORT = [(name, relative) for name, case in CASES.items() for relative in case.short]
 
 
-@pytest.mark.parametrize(("name", "relative"), marked())
+@pytest.mark.parametrize(
+    ("name", "relative"), cases(EVERY, SHORT, [(name, CASES[name].short[0]) for name in EVERYWHERE])
+)
 def test_within_the_tolerance_both_ways(name: str, relative: float) -> None:
     level, transitions = TOLERANCES[relative]
     assert_within(meshes.single_precision(CASES[name].build()), {relative: transitions}, slack=2, level=level)

@@ -19,7 +19,7 @@ from tests.blender.named_meshes import NAMED
 from tests.blender.subdividing import faces, refused, shape, subdivide
 from tests.blender.test_adaptive_guarantee import nearest, points_of_triangles, some
 from tests.blender.test_measure_guarantee import Shown, limit_surface, shown
-from tests.thorough import each
+from tests.thorough import cases, each
 
 # The level of the modifier that stands for the surface, by the tolerance; its most quads, and the most points of it and
 # triangles of the result that are measured.
@@ -71,24 +71,14 @@ CASES: dict[str, Callable[[], meshes.MeshData]] = {
 }
 
 
-# Its result uses the smaller tolerance up to single precision.
-CLOSE = ("landscape with boundary", 1e-3)
+# The larger tolerance, unless that takes long; and a result that uses the smaller one up to single precision.
+SHORT = [*((name, 1e-2) for name in CASES if name != "Suzanne"), ("landscape with boundary", 1e-3)]
 
 # Decimate and triangulation are another version's elsewhere: there these are measured as well.
 EVERYWHERE = {("bevelled cube", 1e-2), ("landscape with boundary", 1e-2), ("triangles", 1e-2)}
 
 
-def cases() -> list[object]:
-    """Every mesh with both tolerances; in the short suite the larger one, unless that takes long."""
-    found = []
-    for name, relative in product(CASES, LEVELS):
-        is_short = name != "Suzanne" and (relative == 1e-2 or (name, relative) == CLOSE)
-        marks = [pytest.mark.thorough] * (not is_short) + [pytest.mark.every_blender] * ((name, relative) in EVERYWHERE)
-        found.append(pytest.param(name, relative, marks=marks))
-    return found
-
-
-@pytest.mark.parametrize(("name", "relative"), cases())
+@pytest.mark.parametrize(("name", "relative"), cases(product(CASES, LEVELS), SHORT, EVERYWHERE))
 def test_results_are_within_the_tolerance_both_ways(name: str, relative: float) -> None:
     original = scene.add_object(CASES[name]())
     if name in ("torus", "Suzanne"):
@@ -250,11 +240,9 @@ def test_exact_normals_are_those_of_the_surface(has_groups: bool) -> None:
     (result,) = subdivide(original, reduce=True, exact_normals=True)
     mesh = result.data
     assert mesh.has_custom_normals
-    normals = np.empty(3 * len(mesh.loops), dtype=np.float32)
-    mesh.corner_normals.foreach_get("vector", normals)
-    flat = np.empty(3 * len(mesh.polygons), dtype=np.float32)
-    mesh.polygons.foreach_get("normal", flat)
-    cosines = (normals.reshape(-1, 3) * np.repeat(flat.reshape(-1, 3), 3, axis=0)).sum(axis=1)
+    normals = scene.values_of(mesh.corner_normals, "vector", np.float32, 3)
+    flat = scene.values_of(mesh.polygons, "normal", np.float32, 3)
+    cosines = (normals * np.repeat(flat, 3, axis=0)).sum(axis=1)
     # The faces are within a hundredth of a surface whose radii are about one; needles may tilt, as their vertices need
     # not lie on it.
     positions, triangles = shape(result), scene.triangles_of(mesh)

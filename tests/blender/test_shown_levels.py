@@ -6,7 +6,7 @@ Blender's single precision is measured against the law for it (``rounding.modifi
 """
 
 from collections.abc import Callable
-from itertools import product
+from itertools import cycle, product
 
 import bpy
 import numpy as np
@@ -19,7 +19,7 @@ from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, quad_count, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import Levels
-from tests.thorough import each
+from tests.thorough import cases, each
 
 # Levels between those of the facets and of the reference, as far as quads of the reference allow, and one at least.
 MOST_DEEPER = 2
@@ -50,21 +50,16 @@ CREASED: dict[str, Callable[[], meshes.MeshData]] = {
 MESHES = NAMED | CREASED
 
 
-def cases() -> list[object]:
-    """Every mesh with every setting; in the short suite once, or not where it takes long."""
-    settings = list(product(("CONTROL", "LIMIT"), ("ALL", "PRESERVE_CORNERS")))
-    found = []
-    for number, name in enumerate(MESHES):
-        for vertices, boundary in settings:
-            is_short = name != "valence 360" and (vertices, boundary) == settings[number % len(settings)]
-            marks = [] if is_short else [pytest.mark.thorough]
-            found.append(
-                pytest.param(name, vertices, boundary, marks=[*marks, *[pytest.mark.every_blender] * (name in CREASED)])
-            )
-    return found
+SETTINGS = ("CONTROL", "LIMIT"), ("ALL", "PRESERVE_CORNERS")
+
+# Every mesh once, or not where it takes long.
+ONCE = zip(MESHES, cycle(product(*SETTINGS)), strict=False)
+SHORT = [(name, *setting) for name, setting in ONCE if name != "valence 360"]
 
 
-@pytest.mark.parametrize(("name", "vertices", "boundary"), cases())
+@pytest.mark.parametrize(
+    ("name", "vertices", "boundary"), cases(product(MESHES, *SETTINGS), SHORT, product(CREASED, *SETTINGS))
+)
 def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundary: str) -> None:
     data = meshes.single_precision(MESHES[name]())
     diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
