@@ -2,7 +2,6 @@
 """Bounds by feet against dense samples of whole surfaces, both ways, at several levels; and of single faces."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,11 +30,10 @@ both_vertices = pytest.mark.parametrize("vertices", Vertices)
 
 def uneven(data: meshes.MeshData) -> meshes.MeshData:
     """Some vertices far along the surface: faces thin beside wide ones."""
-    angles = np.arctan2(data.positions[:, 1], data.positions[:, 0])
-    turn = 0.3 * np.sin(3 * angles)
+    x, y, _ = data.positions.T
+    turn = 0.3 * np.sin(3 * np.arctan2(y, x))
     cosine, sine = np.cos(turn), np.sin(turn)
-    x, y, z = data.positions.T
-    return replace(data, positions=np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=1))
+    return meshes.bent(data, lambda x, y, z: (cosine * x - sine * y, sine * x + cosine * y, z))
 
 
 # Closed meshes of quads, all of them regular.
@@ -268,9 +266,7 @@ def test_nothing_is_proved_where_the_surface_has_no_tangent_plane() -> None:
 @pytest.mark.parametrize("level", [1, 2])
 def test_parts_are_bounded_along_the_diagonal_that_they_are_drawn_with(level: int) -> None:
     """z = k (x - y)² is even along one diagonal, and curved four times as much along the other as along the sides."""
-    mesh = meshes.build(meshes.grid(9, 9))
-    x, y, _ = mesh.positions.T
-    mesh = mesh.changed(positions=np.column_stack([x, y, 1e-4 * (x - y) ** 2]))
+    mesh = meshes.build(meshes.bent(meshes.grid(9, 9), lambda x, y, _: (x, y, 1e-4 * (x - y) ** 2)))
     along = mesh.positions[mesh.corner_vertices.reshape(-1, 4)]
     is_even = np.abs(along[:, 2, 2] - along[:, 0, 2]) < 1e-9
     drawn = np.arange(mesh.face_count) % 2 == 1

@@ -10,7 +10,6 @@ from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.deviation import leaf_deviations
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
 from ccdepth_addon.core.surface.refinement import Refinement
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 
 # Second derivatives of z: so small that heights are distances but for a part in ten thousand.
@@ -26,12 +25,8 @@ MIDDLE = 4
 
 def leaves(*, is_folded: bool) -> DrawnLeaves:
     """Nine quads of a paraboloid's grid; of the one in the middle it may not be known how it is drawn."""
-    data = meshes.grid(5, 5)
-    x, y, _ = np.asarray(data.positions, dtype=np.float64).T
-    mesh = meshes.to_polygon_mesh(data)
-    mesh = mesh.changed(positions=np.stack([x, y, UU * x * x / 2 + VV * y * y / 2 + UV * x * y], axis=1))
-    inside = [6, 7, 8, 11, 12, 13, 16, 17, 18]
-    refinement = Refinement.start(apply_boundary_rule(mesh, smooth_corners=True), np.array(inside))
+    data = meshes.bent(meshes.grid(5, 5), lambda x, y, _: (x, y, UU * x * x / 2 + VV * y * y / 2 + UV * x * y))
+    refinement = Refinement.start(meshes.build(data), np.array([6, 7, 8, 11, 12, 13, 16, 17, 18]))
     found = DrawnLeaves.of(refinement, np.zeros(9, dtype=bool), Vertices.LIMIT, None)
     return replace(found, is_folded=np.arange(9) == (MIDDLE if is_folded else -1))
 
