@@ -27,14 +27,16 @@ def examine_touched() -> None:
     module("state.watch").examine()
 
 
-def select(*objects: bpy.types.Object) -> None:
-    """Select these objects alone; the last one becomes the active one."""
+def select(*objects: bpy.types.Object, mode: str = "OBJECT") -> None:
+    """Select these objects alone, in Object Mode, and go to a mode; the last one becomes the active one."""
     bpy.context.view_layer.update()
     for other in bpy.context.view_layer.objects:
         other.select_set(False)
     for chosen in objects:
         chosen.select_set(True)
     bpy.context.view_layer.objects.active = objects[-1] if objects else None
+    if mode != "OBJECT":
+        bpy.ops.object.mode_set(mode=mode)
 
 
 def compute(*objects: bpy.types.Object, **settings: object) -> None:
@@ -61,8 +63,7 @@ def finish(operator: str, *objects: bpy.types.Object, **settings: object) -> Non
 @contextmanager
 def edit_mode(*objects: bpy.types.Object, editing: bool = True) -> Iterator[None]:
     """The objects selected alone, in Edit Mode or, where ``editing`` is not, in Object Mode."""
-    select(*objects)
-    bpy.ops.object.mode_set(mode="EDIT" if editing else "OBJECT")
+    select(*objects, mode="EDIT" if editing else "OBJECT")
     try:
         yield
     finally:

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ccdepth_addon.core import PolygonMesh, SubdividedMesh, apply_boundary_rule
+from ccdepth_addon.core import PolygonMesh, SubdividedMesh
 from ccdepth_addon.core.surface.surface_points import interpolate_linearly
 from tests import meshes, uniform
 from tests.blender import addon, scene
@@ -136,11 +136,10 @@ def add_groups(holder: bpy.types.Object, rng: np.random.Generator) -> None:
 
 
 def add_keys(holder: bpy.types.Object, rng: np.random.Generator) -> None:
-    for name in ("Basis", "Wide", "Tall"):
-        key = holder.shape_key_add(name=name, from_mix=False)
-        if name != "Basis":
-            points = read(holder.data, "position").ravel()
-            key.points.foreach_set("co", points + rng.uniform(-0.5, 0.5, len(points)).astype(np.float32))
+    points = read(holder.data, "position").ravel()
+    for name in ("Wide", "Tall"):
+        moved = points + rng.uniform(-0.5, 0.5, len(points)).astype(np.float32)
+        scene.add_key(holder, name).points.foreach_set("co", moved)
     keys = holder.data.shape_keys.key_blocks
     keys["Wide"].value, keys["Wide"].slider_max = 0.75, 2.0
     keys["Tall"].value, keys["Tall"].mute, keys["Tall"].vertex_group = 0.5, True, "All"
@@ -223,7 +222,7 @@ def compare(
     flat = np.column_stack([parameters, np.zeros(len(parameters))])
     write(base, PARAMETERS, "FLOAT_VECTOR", "CORNER", flat)
     scene.add_subdivision(holder, LEVEL).uv_smooth = uv_smooth
-    control = apply_boundary_rule(scene.polygon_mesh_of(base), smooth_corners=True)
+    control = scene.polygon_mesh_of(base)
     subdivided = uniform.uniform(control, LEVEL)
     module = addon.module("exchange.adaptive_mesh")
     mesh = module.new_mesh(base, control, subdivided, uv_smooth=uv_smooth, exact_normals=exact_normals)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import scene
 from tests.brute_force import Levels, linear_children
@@ -113,7 +112,7 @@ class BlenderLevels(Levels):
 
     def __init__(self, data: meshes.MeshData, boundary: str) -> None:
         self._data = data
-        core = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=boundary == "ALL")
+        core = meshes.build(data, smooth_corners=boundary == "ALL")
         super().__init__(core)
         self._numbers = np.arange(core.face_count)
         self._parameters = [np.concatenate([corner_parameters(size) for size in data.face_sizes.tolist()])]

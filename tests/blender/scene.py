@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.sharpness import crease_to_sharpness
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from tests.meshes import MeshData
 
 # By type: what collections hand out, its dtype, and how many numbers each item has.
@@ -41,6 +41,13 @@ def open_again(folder: Path) -> None:
     path = str(folder / "saved.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
+
+
+def link(path: Path, name: str, kind: str = "objects") -> bpy.types.ID:
+    """A data-block of another file, linked."""
+    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+        setattr(wanted, kind, [name])
+    return getattr(wanted, kind)[0]
 
 
 def add_object(data: MeshData, name: str = "Mesh") -> bpy.types.Object:
@@ -210,10 +217,10 @@ def evaluated_mesh_data(blender_object: bpy.types.Object) -> MeshData:
     return data
 
 
-def polygon_mesh_of(mesh: bpy.types.Mesh) -> PolygonMesh:
-    """The core's mesh of a Blender mesh, with its edges, loose ones too, and creases; no boundary rule applied."""
+def polygon_mesh_of(mesh: bpy.types.Mesh, *, smooth_corners: bool = True) -> PolygonMesh:
+    """The core's mesh of a Blender mesh, with its edges, loose ones too, creases, and the boundary rule applied."""
     data = mesh_data(mesh)
-    return PolygonMesh(
+    found = PolygonMesh(
         positions=data.positions,
         face_starts=np.concatenate([[0], np.cumsum(data.face_sizes)]).astype(np.intp),
         corner_vertices=data.corner_vertices,
@@ -222,6 +229,7 @@ def polygon_mesh_of(mesh: bpy.types.Mesh) -> PolygonMesh:
         edge_sharpness=crease_to_sharpness(_creases(mesh, "crease_edge", len(mesh.edges))),
         vertex_sharpness=crease_to_sharpness(_creases(mesh, "crease_vert", len(mesh.vertices))),
     )
+    return apply_boundary_rule(found, smooth_corners=smooth_corners)
 
 
 def _creases(mesh: bpy.types.Mesh, name: str, count: int) -> np.ndarray:

@@ -149,8 +149,7 @@ def edit_others_than_selected() -> tuple[bpy.types.Object, bpy.types.Object, bpy
     Objects are chosen when Edit Mode begins; in it the Outliner and scripts may select others.
     """
     first, second, other = (scene.add_object(meshes.cube(), text) for text in ("First", "Second", "Other"))
-    addon.select(first, second)
-    bpy.ops.object.mode_set(mode="EDIT")
+    addon.select(first, second, mode="EDIT")
     first.select_set(False)
     other.select_set(True)
     return first, second, other
@@ -186,8 +185,7 @@ def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: b
     other_user = scene.add_mesh(edited.data)
     edited.data.attributes.new("Paint", "FLOAT_COLOR", "POINT")
     edited.data.attributes.active_color_name = "Paint"
-    addon.select(edited)
-    bpy.ops.object.mode_set(mode="EDIT")
+    addon.select(edited, mode="EDIT")
     bpy.context.view_layer.objects.active = active
     active.select_set(True)
     if hidden:
@@ -216,8 +214,7 @@ def measured() -> None:
 def edited() -> None:
     holder = scene.add_object(meshes.landscape(5, 4))
     scene.add_subdivision(holder, 1)
-    addon.select(holder)
-    bpy.ops.object.mode_set(mode="EDIT")
+    addon.select(holder, mode="EDIT")
 
 
 def moving() -> None:

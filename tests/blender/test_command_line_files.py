@@ -192,9 +192,7 @@ def test_what_is_linked_from_a_missing_file_is_missed(tmp_path: Path, capfd: Cap
     scene.add_collection("Lent", scene.add_object(meshes.cube(), "Lent"))
     save(library)
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
-        setattr(wanted, kind, ["Lent"])
-    linked = getattr(bpy.data, kind)["Lent"]
+    linked = scene.link(library, "Lent", kind)
     root = bpy.context.scene.collection
     if kind == "collections":
         root.children.link(linked)

@@ -9,22 +9,20 @@ import pytest
 from mathutils import Matrix
 
 from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, face_depths
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import TOLERANCE
 from tests.blender.test_measure_guarantee import shown
 from tests.steps import result_of
 
 pytestmark = pytest.mark.every_blender
-
-TOLERANCE = 0.01
 
 
 def expected(holder: bpy.types.Object, tolerance: float = TOLERANCE) -> np.ndarray:
     """What the core says of the object's mesh as it is, by the method of its record, else of the scene; the object has
     no modifiers, so its vertices are on the limit surface."""
     method = holder.data.ccdepth.method or bpy.context.scene.ccdepth.method
-    mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    mesh = scene.polygon_mesh_of(holder.data)
     return face_depths(mesh, tolerance, method, "LIMIT").depths
 
 
@@ -34,7 +32,7 @@ def test_it_writes_what_the_core_finds(method: str, vertices: str) -> None:
     # By distance Suzanne takes many seconds.
     holder = scene.add_object(meshes.landscape(6, 4)) if method == "DISTANCE" else scene.add_suzanne()
     addon.compute(holder, tolerance=TOLERANCE, method=method, vertices=vertices)
-    mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    mesh = scene.polygon_mesh_of(holder.data)
     result, depths = face_depths(mesh, TOLERANCE, method, vertices), addon.depths(holder)
     np.testing.assert_array_equal(depths, result.depths)
     np.testing.assert_allclose(addon.bounds(holder), result.bounds, rtol=1e-6)
@@ -250,7 +248,7 @@ MESHES: dict[str, Callable[[], bpy.types.Object]] = {
 def test_triangles_are_those_that_blender_draws(name: str, level: int) -> None:
     """All but those of quads that may be folded, which count with both diagonals."""
     holder = MESHES[name]()
-    mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    mesh = scene.polygon_mesh_of(holder.data)
     level_quads = addon.module("core.mesh.level_quads")
     refinement = addon.module("core.surface.refinement").Refinement.start(mesh, np.arange(mesh.face_count))
     is_turned = np.zeros(mesh.face_count, dtype=bool)

@@ -245,16 +245,14 @@ def test_modifiers_instances_and_shape_keys_are_shown_as_they_are_drawn() -> Non
     instance = scene.add("Instance")
     instance.instance_type, instance.instance_collection = "COLLECTION", collection
     instance.location.x = 10.0
-    bpy.context.view_layer.update()
-    depsgraph = bpy.context.evaluated_depsgraph_get()
     found = [
         (each.key, each.matrix.translation.x, overlay_items.read_item(evaluated, Shown.DEPTH))
-        for evaluated, each in overlay_items.items(depsgraph, views()[0], Shown.DEPTH)
+        for evaluated, each in drawn(Shown.DEPTH)
     ]
     (key, _, mesh), (other, _, _) = found
     assert key == other
     assert sorted(x for _, x, _ in found) == [0.0, 10.0]
-    evaluated = holder.evaluated_get(depsgraph).to_mesh()
+    evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
     evaluated.calc_loop_triangles()
     assert mesh.triangles.tolist() == [list(triangle.loops) for triangle in evaluated.loop_triangles]
     places = [tuple(evaluated.vertices[loop.vertex_index].co) for loop in evaluated.loops]

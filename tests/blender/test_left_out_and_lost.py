@@ -21,9 +21,7 @@ def linked_cubes(tmp_path: Path, *, override: bool = False) -> Path:
     """A file with a cube of its own, one that is linked, and an object of its own with a linked mesh."""
     library = save_cubes(tmp_path / "library.blend", "Lent")
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
-        wanted.objects = ["Lent"]
-    [lent] = wanted.objects
+    lent = scene.link(library, "Lent")
     bpy.context.scene.collection.objects.link(lent)
     if override:
         lent.override_create(remap_local_usages=True)

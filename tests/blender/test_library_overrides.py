@@ -12,16 +12,15 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.subdividing import refused, refuses, shape, subdivide
+from tests.blender.subdividing import TOLERANCE, refused, refuses, shape, subdivide
 from tests.thorough import combinations
 
 pytestmark = pytest.mark.every_blender
 
-TOLERANCE = 0.01
 
-
-def fill(holder: bpy.types.Object, *, keys: bool = False) -> None:
-    """Something of everything that a mesh carries."""
+def filled_cube(name: str, keys: bool, modifiers: tuple[str, ...]) -> bpy.types.Object:
+    """With something of everything that a mesh carries."""
+    holder = scene.add_object(meshes.cube(), name)
     mesh = holder.data
     mesh.materials.append(bpy.data.materials.new("Material"))
     mesh.attributes.new("Number", "FLOAT", "POINT").data.foreach_set("value", np.arange(8, dtype=np.float32))
@@ -31,6 +30,9 @@ def fill(holder: bpy.types.Object, *, keys: bool = False) -> None:
     holder.vertex_groups.new(name="Group").add([0, 1, 2], 0.5, "REPLACE")
     if keys:
         scene.add_key(holder, value=0.5).points[0].co.x -= 1.0
+    for kind in modifiers:
+        holder.modifiers.new(kind.title(), kind)
+    return holder
 
 
 def link(tmp_path: Path, block: bpy.types.ID, kind: str = "objects") -> bpy.types.ID:
@@ -39,17 +41,7 @@ def link(tmp_path: Path, block: bpy.types.ID, kind: str = "objects") -> bpy.type
     bpy.data.libraries.write(str(tmp_path / "library.blend"), {block})
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     scene.clear()
-    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
-        setattr(wanted, kind, [name])
-    return getattr(wanted, kind)[0]
-
-
-def filled_cube(name: str, keys: bool, modifiers: tuple[str, ...]) -> bpy.types.Object:
-    holder = scene.add_object(meshes.cube(), name)
-    fill(holder, keys=keys)
-    for kind in modifiers:
-        holder.modifiers.new(kind.title(), kind)
-    return holder
+    return scene.link(tmp_path / "library.blend", name, kind)
 
 
 KINDS = ["override", "override with overridden mesh", "local", "local with overridden mesh"]

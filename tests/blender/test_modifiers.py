@@ -11,20 +11,17 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.depth.face_depths import face_depths
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.subdividing import refuses
+from tests.blender.subdividing import TOLERANCE, refuses
 from tests.blender.updating import stale_line
 
 pytestmark = pytest.mark.every_blender
 
-TOLERANCE = 0.01
-
 
 def core_depths(mesh: bpy.types.Mesh, *, smooth_corners: bool = True) -> np.ndarray:
     """(F,) int32: what the core says of a Blender mesh with control vertices, by the scene's method."""
-    explicit = apply_boundary_rule(scene.polygon_mesh_of(mesh), smooth_corners=smooth_corners)
+    explicit = scene.polygon_mesh_of(mesh, smooth_corners=smooth_corners)
     return face_depths(explicit, TOLERANCE, bpy.context.scene.ccdepth.method, "CONTROL").depths
 
 

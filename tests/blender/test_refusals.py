@@ -118,11 +118,6 @@ def edited_since() -> bpy.types.Object:
     return holder
 
 
-def in_mode(mode: str) -> None:
-    addon.select(cube())
-    bpy.ops.object.mode_set(mode=mode)
-
-
 def put_away(way: str) -> None:
     holder = scene.add_suzanne()
     addon.select(holder)
@@ -143,8 +138,7 @@ def none_active() -> None:
 
 def edited_without_faces() -> None:
     holder = scene.add_suzanne()
-    addon.select(holder)
-    bpy.ops.object.mode_set(mode="EDIT")
+    addon.select(holder, mode="EDIT")
     edited = bmesh.from_edit_mesh(holder.data)
     bmesh.ops.delete(edited, geom=edited.faces[:], context="FACES_ONLY")
 
@@ -166,11 +160,13 @@ REFUSALS: dict[str, Refusal] = {
     "too fine": Refusal(cube, "Cube: the tolerance .* is finer than the mesh's", settings={"tolerance": 1e-12}),
     "no tolerance in the scene": Refusal(without_tolerance, "greater than zero"),
     **{f"accuracy {x}": Refusal(cube, "The accuracy must be", MEASURE, {"accuracy": x}) for x in (0.0, -1.0, NAN)},
-    "in Edit Mode, which stays": Refusal(lambda: in_mode("EDIT"), "greater than zero", ALL, {"tolerance": 0.0}),
+    "in Edit Mode, which stays": Refusal(
+        lambda: addon.select(cube(), mode="EDIT"), "greater than zero", ALL, {"tolerance": 0.0}
+    ),
     "results from before stay": Refusal(with_results, "greater than zero", ALL, {"tolerance": 0.0}),
     "nothing selected": Refusal(addon.select, "Select a mesh object", ALL),
     "no mesh": Refusal(lambda: addon.select(scene.add_light()), "Select a mesh object", ALL),
-    "another mode": Refusal(lambda: in_mode("SCULPT"), "Object Mode and in Edit Mode", ALL),
+    "another mode": Refusal(lambda: addon.select(cube(), mode="SCULPT"), "Object Mode and in Edit Mode", ALL),
     "hidden": Refusal(lambda: put_away("hidden"), "Suzanne: the object is hidden", ALL),
     "hidden in viewports": Refusal(
         lambda: put_away("viewport"), "Suzanne: the object is hidden|Select a mesh object", ALL

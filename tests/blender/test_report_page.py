@@ -301,7 +301,6 @@ def test_all_objects_are_in_the_picture_whatever_their_size(tmp_path: Path) -> N
         cube = scene.add_object(meshes.cube())
         cube.scale = (scale, scale, scale)
         cube.location = (1e3 * scale, 0.0, 0.0)
-        bpy.context.view_layer.update()
         addon.compute(cube, tolerance=0.01 * scale)
         shown = colorful(render(tmp_path / "picture.png", cube, size))
         rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
@@ -324,7 +323,6 @@ def test_its_name_may_have_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_the_line_under_several_measured_objects_has_the_tolerance_of_the_worst() -> None:
     small, large = scene.add_object(meshes.cube(), "Small"), scene.add_object(meshes.cube(), "Large")
     large.scale = (10.0,) * 3
-    bpy.context.view_layer.update()
     for each_object in (small, large):
         addon.measure(each_object, tolerance=0.5, tolerance_mode="RELATIVE")
     record = large.data.ccdepth

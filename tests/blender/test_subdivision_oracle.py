@@ -14,7 +14,6 @@ from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_s
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.evaluation import limit_values
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, uniform
 from tests.blender import scene
 from tests.uniform import uniform_points
@@ -46,7 +45,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
 @pytest.mark.parametrize("name", MESHES)
 def test_levels_agree_with_the_modifier(name: str, boundary: str) -> None:
     holder = scene.add_object(MESHES[name]())
-    own = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=boundary == "ALL")
+    own = scene.polygon_mesh_of(holder.data, smooth_corners=boundary == "ALL")
     modifier = scene.add_subdivision(holder, 1, boundary)
     for level in range(1, LEVELS + 1):
         modifier.levels = level
@@ -104,7 +103,7 @@ APPROXIMATED = 1e-4
 @pytest.mark.parametrize("name", MESHES)
 def test_points_are_where_the_modifier_has_them(name: str) -> None:
     holder = scene.add_object(MESHES[name]())
-    mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    mesh = scene.polygon_mesh_of(holder.data)
     own = np.unique(limit_values(mesh, mesh.positions, uniform_points(mesh, LEVELS)).round(12), axis=0)
     modifier = scene.add_subdivision(holder, LEVELS)
     modifier.use_limit_surface, modifier.quality = True, HIGHEST_QUALITY
@@ -198,7 +197,7 @@ def assert_agreement(
 ) -> None:
     scene.clear()
     holder = scene.add_object(data)
-    control = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    control = scene.polygon_mesh_of(holder.data)
     found = maps_of(control)
     for layer, uvs in found.items():
         holder.data.uv_layers.new(name=layer).uv.foreach_set("vector", uvs.ravel())

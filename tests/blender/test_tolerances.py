@@ -20,7 +20,6 @@ def test_after_a_refused_update_as_well() -> None:
     _, result = made_result()
     set_scene(tolerance=1e-4, max_faces=500)
     refuses("update", "Find Tolerance finds one that fits", result)
-    bpy.context.view_layer.update()
     assert known_count(result).are_too_many
     bpy.ops.ccdepth.find_tolerance(face_budget=500)
     # Of a result it counts what its update makes.
@@ -101,6 +100,7 @@ def cube() -> bpy.types.Object:
 
 def text() -> str:
     """What the sidebar says once everything it asks for is measured; nothing is measured while it is drawn."""
+    bpy.context.view_layer.update()
     tolerance_text = addon.module("ui.tolerance_text").tolerance_text
     tolerance_text(bpy.context)
     addon.module("state.watch").examine()
@@ -128,20 +128,16 @@ def test_modifiers_counted_in_are_carried_over_too(cube: bpy.types.Object, monke
     array.count, array.use_relative_offset, array.use_constant_offset = 2, False, True
     array.constant_offset_displace = (2.0, 0.0, 0.0)
     cube.modifiers.move(1, 0)
-    bpy.context.view_layer.update()
     for use_modifiers, line in ((False, "= 0.003464 m"), (True, "= 0.004899 m")):
         set_scene(use_modifiers=use_modifiers)
         assert text() == line
     monkeypatch.setattr(addon.module("state.known"), "LONG", 0.0)
     for line in ("= 0.006633 m", ""):
         array.count += 1
-        bpy.context.view_layer.update()
         assert text() == line
     array.count = 2
-    bpy.context.view_layer.update()
     assert text() == ""
     assert bpy.ops.ccdepth.compute() == {"FINISHED"}
-    bpy.context.view_layer.update()
     assert text() == "= 0.004899 m"
     bpy.context.scene.ccdepth.shown_tolerance_mode = "ABSOLUTE"
     assert bpy.context.scene.ccdepth.tolerance == about(0.001 * math.sqrt(16 + 4 + 4))
@@ -170,10 +166,8 @@ def test_the_other_one_is_told_for_the_active_object_as_it_is(cube: bpy.types.Ob
         bpy.ops.mesh.select_all(action="SELECT")
         bpy.ops.transform.resize(value=(2.0, 2.0, 2.0))
         assert text() == "= 0.003464 m"
-    bpy.context.view_layer.update()
     assert text() == "= 0.006928 m"
     cube.scale = (2.0, 2.0, 2.0)
-    bpy.context.view_layer.update()
     assert text() == "= 0.01386 m"
     bpy.context.scene.ccdepth.tolerance_mode = "ABSOLUTE"
     assert text() == "= 0.03608 of the size"
@@ -302,10 +296,8 @@ def test_a_count_for_a_result_is_forgotten_when_something_changes(change: Callab
     source, result = made_result()
     source.hide_set(False)
     addon.finish("count_faces", result)
-    bpy.context.view_layer.update()
     assert known_count(result) is not None
     change(result)
-    bpy.context.view_layer.update()
     assert known_count(result) is None
 
 

@@ -283,9 +283,7 @@ def test_a_linked_result_is_refused_and_an_appended_one_brings_its_source(tmp_pa
     before = faces(result)
     update(result, **FINER)
     assert faces(result) > before
-    with bpy.data.libraries.load(path, link=True) as (_, wanted):
-        wanted.objects = ["Cage Adaptive"]
-    [linked] = wanted.objects
+    linked = scene.link(Path(path), "Cage Adaptive")
     bpy.context.scene.collection.objects.link(linked)
     refuses("update", "linked from another file", linked)
 
@@ -373,7 +371,6 @@ def kept() -> Kept:
     assert not bpy.ops.ccdepth.update_kept.poll()
     update(result)
     result.ccdepth.keep_updated = True
-    bpy.context.view_layer.update()
     addon.select(source)
     return source, result
 
