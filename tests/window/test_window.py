@@ -163,15 +163,17 @@ def window(request: pytest.FixtureRequest, resources: Path, tmp_path: Path) -> I
             print((tmp_path / "blender.log").read_text(errors="replace")[-4000:])
 
 
-def find_button(window: Window, sidebar: list[int], command: str, across: float = 0.6) -> None:
+def find_button(window: Window, sidebar: list[int], command: str, across: float = 0.6, *, press: bool = False) -> None:
     """Move the mouse down the sidebar, at this part of its width, until the button of that command is under it, or the
-    field of that setting."""
+    field of that setting; and press it."""
     left, top, right, bottom = sidebar
     for y in range(top + SEARCH_STEP, bottom, SEARCH_STEP):
         # Where two buttons share a row, the second is found as well.
         window.move_mouse(round(left + (right - left) * across), y)
         window.settle()
         if command in window.report()["hovered"]:
+            if press:
+                window.click()
             return
     raise AssertionError(f"there is no button for {command} in the sidebar")
 
@@ -195,10 +197,10 @@ def part_in_colors(image: Image, colors: Sequence[Sequence[float]]) -> float:
     return float((differences <= TRUE_COLOR_TOLERANCE).mean())
 
 
-def find_first(window: Window, command: str, across: float = 0.6) -> dict[str, Any]:
-    """Wait for the tab and put the mouse over that button; what Blender told at the beginning."""
+def find_first(window: Window, command: str, across: float = 0.6, *, press: bool = False) -> dict[str, Any]:
+    """Wait for the tab and put the mouse over that button, and press it; what Blender told at the beginning."""
     started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
-    find_button(window, started["sidebar"], command, across)
+    find_button(window, started["sidebar"], command, across, press=press)
     return started
 
 
@@ -244,8 +246,7 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
     assert part_in_colors(seen[:, :-LEGEND_WIDTH], lit) > 0.5
 
     # In the header of the results.
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.clear", across=0.75)
-    window.click()
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.clear", across=0.75, press=True)
     cleared = window.wait_for(lambda report: not report["has_result"], SECONDS_TO_ANSWER, "the result gone")
     assert cleared["viewports"] == started["viewports"]
     leave_sidebar(window, started, 2.0)
@@ -275,8 +276,7 @@ def test_a_click_on_measure_deviation_shows_a_heat_map_and_its_scale(window: Win
 @pytest.mark.parametrize("window", [{"TOLERANCE": "2e-4"}], indirect=True)
 def test_the_heat_map_is_there_in_every_mode_and_gone_with_overlays(window: Window, tmp_path: Path) -> None:
     """And it comes back: nothing of the viewport's is needed for it."""
-    started = find_first(window, "bpy.ops.ccdepth.compute")
-    window.click()
+    started = find_first(window, "bpy.ops.ccdepth.compute", press=True)
     window.wait_for(lambda report: report["has_result"], SECONDS_TO_ANSWER, "a result")
     left, top, _, bottom = started["viewport"]
 
@@ -302,8 +302,7 @@ def test_the_heat_map_is_there_in_every_mode_and_gone_with_overlays(window: Wind
 def test_a_click_on_apply_adaptive_subdivision_makes_an_object_and_undo_takes_it_back(
     window: Window, tmp_path: Path
 ) -> None:
-    started = find_first(window, "bpy.ops.ccdepth.subdivide")
-    window.click()
+    started = find_first(window, "bpy.ops.ccdepth.subdivide", press=True)
     made = window.wait_for(lambda report: len(report["objects"]) == 2, SECONDS_TO_ANSWER, "a second object")["objects"]
     original, result = made["Suzanne"], made["Suzanne Adaptive"]
     assert (original["visible"], original["selected"], original["attributes"]) == (False, False, [])
@@ -323,8 +322,7 @@ def test_a_click_on_apply_adaptive_subdivision_makes_an_object_and_undo_takes_it
 
 
 def test_another_tolerance_in_adjust_last_operation_makes_the_result_anew(window: Window) -> None:
-    started = find_first(window, "bpy.ops.ccdepth.subdivide")
-    window.click()
+    started = find_first(window, "bpy.ops.ccdepth.subdivide", press=True)
     made = window.wait_for(lambda report: len(report["objects"]) == 2, SECONDS_TO_ANSWER, "a second object")["objects"]
     faces = made["Suzanne Adaptive"]["faces"]
 
@@ -355,8 +353,7 @@ def wait_for_object(window: Window, name: str, what: str, condition: Callable[[d
 
 def made_by_mouse(window: Window) -> dict[str, Any]:
     """Press Apply Adaptive Subdivision; what Blender told at the beginning."""
-    started = find_first(window, "bpy.ops.ccdepth.subdivide")
-    window.click()
+    started = find_first(window, "bpy.ops.ccdepth.subdivide", press=True)
     window.wait_for(lambda report: "Suzanne Adaptive" in report["objects"], SECONDS_TO_ANSWER, "a result")
     leave_sidebar(window, started, 1.0)
     return started
@@ -368,8 +365,7 @@ def test_update_result_stands_in_place_of_apply_makes_the_result_anew_and_is_und
         find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
     before = window.report()["objects"]
     window.ask("change", 0.0002)
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.update(")
-    window.click()
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.update(", press=True)
     faces = before["Suzanne Adaptive"]["faces"]
     updated = wait_for_object(window, "Suzanne Adaptive", "a finer result", lambda found: found["faces"] > 2 * faces)
     assert (updated["visible"], updated["selected"]) == (True, True)
@@ -382,8 +378,7 @@ def test_update_result_stands_in_place_of_apply_makes_the_result_anew_and_is_und
 def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> None:
     started = made_by_mouse(window)
     window.ask("change", 0.001)
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.before_after")
-    window.click()
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.before_after", press=True)
     wait_for_object(window, "Suzanne", "the source", lambda found: found["visible"] and found["selected"])
     hidden = wait_for_object(window, "Suzanne Adaptive", "it being hidden", lambda found: not found["visible"])
     window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
@@ -399,28 +394,24 @@ def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> 
     assert abs(followed["faces"] - hidden["faces"]) < 0.01 * hidden["faces"]
     assert window.report()["objects"]["Suzanne"]["mode"] == "OBJECT"
 
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.before_after")
-    window.click()
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.before_after", press=True)
     wait_for_object(window, "Suzanne Adaptive", "the result", lambda found: found["visible"] and found["selected"])
 
 
 @pytest.mark.parametrize("window", [{"TOLERANCE": "1e-4", "FACE_LIMIT": "20000"}], indirect=True)
 def test_a_click_on_find_tolerance_after_a_refusal_sets_one_that_fits(window: Window) -> None:
-    started = find_first(window, "bpy.ops.ccdepth.subdivide")
-    window.click()
+    started = find_first(window, "bpy.ops.ccdepth.subdivide", press=True)
     # Until the refusal there is no such button, and its message is in the way of the mouse.
     time.sleep(SECONDS_TO_BEGIN)
     window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the refusal")
     window.press("Escape")
     time.sleep(1.0)
-    find_button(window, started["sidebar"], "face_budget=20000", across=0.75)
-    window.click()
+    find_button(window, started["sidebar"], "face_budget=20000", across=0.75, press=True)
     # Than 1e-4: one that 20,000 faces are enough for.
     offered = window.wait_for(lambda report: report["tolerance"] > 1.1e-4, SECONDS_TO_ANSWER, "a coarser tolerance")
     assert offered["objects"] == started["objects"]
 
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
-    window.click()
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide", press=True)
     made = wait_for_object(window, "Suzanne Adaptive", "a result", lambda found: found["visible"])
     assert 5_000 < made["faces"] <= 20_000
 
@@ -430,8 +421,7 @@ def test_find_tolerance_sets_the_tolerance_for_a_number_of_faces_that_was_typed(
     started = find_first(window, ".face_budget", across=0.25)
     window.type_number(9000)
     window.wait_for(lambda report: report["face_budget"] == 9000, SECONDS_TO_ANSWER, "the number of faces")
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.find_tolerance(", across=0.75)
-    window.click()
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.find_tolerance(", across=0.75, press=True)
     found = window.wait_for(lambda report: report["tolerance"] > 2e-4, SECONDS_TO_ANSWER, "a coarser tolerance")
     assert found["objects"] == started["objects"]
 
@@ -442,8 +432,7 @@ def test_find_tolerance_sets_the_tolerance_for_a_number_of_faces_that_was_typed(
     faces = int(told[1].replace(",", ""))
     assert 4_500 < faces <= 9_000
 
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
-    window.click()
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide", press=True)
     made = wait_for_object(window, "Suzanne Adaptive", "a result", lambda found: found["visible"])
     assert made["faces"] == faces
 
@@ -491,8 +480,7 @@ def test_a_file_can_be_saved_while_a_run_goes_on_and_a_deleted_object_ends_it(wi
 
 @pytest.mark.parametrize("window", [{"LAST_FRAME": "2000"}], indirect=True)
 def test_escape_stops_a_run_over_frames_and_the_scene_is_as_it_was(window: Window) -> None:
-    started = find_first(window, "bpy.ops.ccdepth.compute")
-    window.click()
+    started = find_first(window, "bpy.ops.ccdepth.compute", press=True)
     away = window.wait_for(lambda report: report["frame"] != started["frame"], SECONDS_TO_ANSWER, "another frame")
     assert away["running"] == ["CCDEPTH_OT_compute"]
     assert away["objects"] != started["objects"], "nothing moves"
