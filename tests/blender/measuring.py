@@ -11,12 +11,11 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
 from tests.blender import scene
 from tests.brute_force import Levels, linear_children
-
-FloatArray = NDArray[np.float64]
 
 
 class Positions:

@@ -22,14 +22,13 @@ import pytest
 from mathutils.bvhtree import BVHTree
 from numpy.typing import NDArray
 
+from ccdepth_addon.core.arrays.types import FloatArray
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import linear_children
 from tests.thorough import cases, combinations
-
-FloatArray = NDArray[np.float64]
 
 # Most quads of the deep level, which says how many faces are measured; most points that are.
 MOST_QUADS = 25_000

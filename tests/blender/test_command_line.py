@@ -359,15 +359,13 @@ def test_folder_report(cube_file: Path) -> None:
     assert by_file["bad.blend"][4]
 
 
-README = Path(__file__).resolve().parent.parent.parent / "README.md"
-
 # A part of her size, as README says.
 TOLERANCE = 1e-3
 
 
 def test_numbers_of_faces_are_what_is_made() -> None:
     """With subdivision levels, with CC Depth, in the picture of both, and by the quicker method, in README's order."""
-    text = re.sub(r"\s+", " ", README.read_text(encoding="utf-8"))
+    text = re.sub(r"\s+", " ", (CHECKOUT / "README.md").read_text(encoding="utf-8"))
     found = re.findall(r"([\d,]+)(?: faces| with CC Depth)", text)
     suzanne = scene.add_suzanne()
     uniform = []

@@ -259,13 +259,10 @@ def test_a_report_does_not_hide_what_failed(tmp_path: Path, capfd: Capture) -> N
     assert "“Driven” depends on a driver" in printed(capfd, "--verify", claim(report, content), status=1)
 
 
-OLD = Path(__file__).with_name("version_1")
-
-
 @pytest.mark.parametrize("name", ["depths", "made", "measure"])
 def test_reports_of_version_1_are_read(name: str, tmp_path: Path, capfd: Capture) -> None:
     """They were written by 308a89a; their kinds of faults are found."""
-    shutil.copytree(OLD, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(Path(__file__).with_name("version_1"), tmp_path, dirs_exist_ok=True)
     assert run("--verify", tmp_path / f"{name}.json") == 0
     content = json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))
     assert content["version"] == 1

@@ -15,13 +15,12 @@ import pytest
 from mathutils.bvhtree import BVHTree
 from numpy.typing import NDArray
 
+from ccdepth_addon.core.arrays.types import FloatArray
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import subdivide
 from tests.blender.test_adaptive_guarantee import nearest
 from tests.thorough import each
-
-FloatArray = NDArray[np.float64]
 
 # The modifier and the tree compute in single precision: a few ulps of a coordinate.
 SINGLE = 2e-6

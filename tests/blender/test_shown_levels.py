@@ -49,7 +49,6 @@ CREASED: dict[str, Callable[[], meshes.MeshData]] = {
 }
 MESHES = NAMED | CREASED
 
-
 SETTINGS = ("CONTROL", "LIMIT"), ("ALL", "PRESERVE_CORNERS")
 
 # Every mesh once, or not where it takes long.

@@ -44,23 +44,21 @@ def with_modifier(holder: bpy.types.Object, vertices: str | None) -> bpy.types.O
     return holder
 
 
-def found(holder: bpy.types.Object) -> tuple[list[int], list[float], int]:
-    """What Compute Depth found."""
+def found(*holders: bpy.types.Object, **settings: object) -> tuple[list[int], list[float], int]:
+    """What Compute Depth finds for objects of one mesh."""
+    addon.compute(*holders, **settings)
+    holder = holders[0]
     return addon.depths(holder).tolist(), addon.bounds(holder).tolist(), holder.data.ccdepth.uniform_level
 
 
 @pytest.mark.parametrize(("own", "expected"), [(None, "LIMIT"), ("LIMIT", "LIMIT"), ("CONTROL", "CONTROL")])
 def test_vertices_are_those_of_the_objects_own_modifier(own: str | None, expected: str) -> None:
     holder = scene.add_suzanne()
-    of = {}
-    for vertices in VERTICES:
-        addon.compute(holder, vertices=vertices)
-        of[vertices] = found(holder)
+    of = {vertices: found(holder, vertices=vertices) for vertices in VERTICES}
     assert of["CONTROL"] != of["LIMIT"]
     with_modifier(holder, own)
-    addon.compute(holder)
-    record = holder.data.ccdepth
     assert found(holder) == of[expected]
+    record = holder.data.ccdepth
     assert (record.vertices, record.follows_objects) == (expected, True)
     bpy.ops.ccdepth.set_levels()
     assert [each.use_limit_surface for each in holder.modifiers] == [expected == "LIMIT"]
@@ -71,12 +69,8 @@ def test_objects_of_one_mesh_keep_their_own_vertices() -> None:
     """Each face has the deepest depth for any of them, and Set Subdivision Levels leaves the vertices of each."""
     control = with_modifier(scene.add_suzanne(), "CONTROL")
     limit = with_modifier(scene.add_mesh(control.data), "LIMIT")
-    of = {}
-    for vertices in VERTICES:
-        addon.compute(control, limit, vertices=vertices)
-        of[vertices] = addon.depths(control)
-    addon.compute(control, limit)
-    np.testing.assert_array_equal(addon.depths(control), np.maximum(of["CONTROL"], of["LIMIT"]))
+    of = {vertices: found(control, limit, vertices=vertices)[0] for vertices in VERTICES}
+    np.testing.assert_array_equal(found(control, limit)[0], np.maximum(of["CONTROL"], of["LIMIT"]))
     assert (control.data.ccdepth.vertices, addon.facts(control)["Vertices"]) == ("OBJECT", "From Modifier")
     bpy.ops.ccdepth.set_levels()
     assert [each.modifiers[0].use_limit_surface for each in (control, limit)] == [False, True]
@@ -87,14 +81,11 @@ def test_frames_have_the_vertices_of_each() -> None:
     """Use Limit Surface can be animated: on for the first frame, and off from the second on."""
     holder = with_modifier(scene.add_suzanne(), "LIMIT")
     modifier = holder.modifiers[0]
-    of = {}
-    for vertices in VERTICES:
-        addon.compute(holder, vertices=vertices)
-        of[vertices] = addon.depths(holder)
+    of = {vertices: found(holder, vertices=vertices)[0] for vertices in VERTICES}
     scene.animate(modifier, "use_limit_surface", {1: True, 2: False})
     bpy.context.scene.frame_set(1)
-    addon.compute(holder, frames="CUSTOM", frame_list="1,2")
-    np.testing.assert_array_equal(addon.depths(holder), np.maximum(of["CONTROL"], of["LIMIT"]))
+    depths, *_ = found(holder, frames="CUSTOM", frame_list="1,2")
+    np.testing.assert_array_equal(depths, np.maximum(of["CONTROL"], of["LIMIT"]))
     assert holder.data.ccdepth.vertices == "OBJECT"
     bpy.context.scene.ccdepth.frames, bpy.context.scene.ccdepth.frame_list = "CUSTOM", "1,2"
     for frame in (1, 2):
