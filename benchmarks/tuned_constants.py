@@ -448,7 +448,7 @@ def computed(side: int) -> Callable[[], Any]:
     grid = compute_depth.add_grid(side, 0)
 
     def work() -> float:
-        compute_depth.compute_depth("CERTIFIED", "CONTROL")
+        compute_depth.compute_depth("CERTIFIED", "CONTROL", compute_depth.RELATIVE_TOLERANCE)
         return float(grid.data.ccdepth.deepest)
 
     return work
