@@ -291,9 +291,9 @@ def test_vertices_without_faces_do_not_count() -> None:
     data = meshes.trapezohedron(5)
     lost = np.array([[1e9, 0, 0], [np.nan, np.inf, 0]])
     with_lost = build(replace(data, positions=np.concatenate([data.positions, lost])))
-    expected = face_depths(build(data), 0.001, "SECOND_ORDER", "CONTROL")
-    found = face_depths(with_lost, 0.001, "SECOND_ORDER", "CONTROL")
-    np.testing.assert_array_equal(found.depths, expected.depths)
+    for method in ("SECOND_ORDER", "DISTANCE"):
+        expected, found = (face_depths(mesh, 0.001, method, "CONTROL") for mesh in (build(data), with_lost))
+        np.testing.assert_array_equal(found.depths, expected.depths)
     assert smallest_tolerance(with_lost) == smallest_tolerance(build(data))
 
 

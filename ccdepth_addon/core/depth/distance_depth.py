@@ -18,6 +18,7 @@ from ..arrays.chunks import index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
+from ..bounds.rounding import largest_coordinates
 from ..deviation.measure import rounding_allowance
 from ..distance.face_feet import FaceFeet
 from ..mesh.polygon_mesh import PolygonMesh
@@ -167,8 +168,7 @@ class _SomeFaces:
             near = submesh(mesh, faces)[1]
             around, count = submesh(mesh, near)[0].changed(axes=mesh.axes), len(near)
         feet = FaceFeet.of(around, vertices, np.zeros(count, dtype=bool), tick)
-        size = float(np.abs(mesh.positions).max(initial=0.0))
-        rounded = rounding_allowance(mesh, size)
+        rounded = rounding_allowance(mesh, float(largest_coordinates(mesh).max()))
         return _SomeFaces(mesh, faces, feet, vertices, test.tolerance - test.allowance, rounded, tick)
 
     def shown(self, level: int) -> Vertices:
