@@ -41,14 +41,14 @@ from ..core import (
     to_rotation_vectors,
 )
 from .blender_arrays import TYPES, ValueType, find_attribute, read_values, write_attribute, write_values
-from .face_values import BOUND, COLOR, DEPTH, color_of_user
+from .face_values import BOUND, COLOR, DEPTH, DEVIATION, color_of_user
 from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
 
 Values = NDArray[Any]
 
 
 TOPOLOGY = {"position", ".edge_verts", ".corner_vert", ".corner_edge"}
-LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, COLOR}
+LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, DEVIATION, COLOR}
 CUSTOM_NORMAL = "custom_normal"
 # Since this version normals can be stored as vectors; before, only as two 16-bit angles from Blender's own.
 FREE_NORMALS = (4, 5)

@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from ..core import FloatArray, PolygonMesh, SubdividedMesh, SurfacePoints, at_vertices, limit_values
 from .blender_arrays import read_values, write_values
 
-KEY_SETTINGS = ("slider_min", "slider_max", "value", "mute", "vertex_group", "interpolation", "lock_shape")
+# Each end of the range stops at the present other one, so the first end that is set is set again.
+KEY_SETTINGS = (
+    *("slider_max", "slider_min", "slider_max"),
+    *("value", "mute", "vertex_group", "interpolation", "lock_shape"),
+)
 ANIMATION_SETTINGS = (
     "action",
     "action_slot",

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import bpy
 
-from .selected_meshes import QuickOperator
+from .selected_meshes import QuickOperator, mesh_fault, refuse
 
 
 class CCDEPTH_OT_edit_faces(QuickOperator):
@@ -22,6 +22,7 @@ class CCDEPTH_OT_edit_faces(QuickOperator):
         return None if active is not None and active.type == "MESH" else cls.not_in_edit_mode
 
     def act(self, context: bpy.types.Context) -> set[str]:
+        refuse([context.active_object], lambda active: mesh_fault(active.data))
         # In vertex or edge select mode, faces between the wanted faces would be selected as well.
         context.scene.tool_settings.mesh_select_mode = (False, False, True)
         bpy.ops.object.mode_set(mode="EDIT")

@@ -142,7 +142,8 @@ def add_keys(holder: bpy.types.Object, rng: np.random.Generator) -> None:
         scene.add_key(holder, name).points.foreach_set("co", moved)
     keys = holder.data.shape_keys.key_blocks
     keys["Wide"].value, keys["Wide"].slider_max = 0.75, 2.0
-    keys["Tall"].value, keys["Tall"].mute, keys["Tall"].vertex_group = 0.5, True, "All"
+    keys["Tall"].slider_max, keys["Tall"].slider_min = 3.0, 1.25
+    keys["Tall"].value, keys["Tall"].mute, keys["Tall"].vertex_group = 1.5, True, "All"
     keys["Tall"].relative_key = keys["Wide"]
     driver = holder.data.shape_keys.driver_add('key_blocks["Wide"].value').driver
     driver.expression = "0.75"

@@ -271,7 +271,9 @@ def test_transforms_of_both_count() -> None:
 
 def test_an_adaptive_result_is_measured_against_its_source() -> None:
     source = subdivided_cube(2)
+    addon.measure(source)
     [result] = subdivide(source, tolerance=0.02)
+    assert "ccdepth_deviation" not in result.data.attributes
     record, settings = result.data.ccdepth, {"tolerance": 0.02, "time_limit": 5.0}
     addon.measure(result, **settings)
     alone = (record.deviation, record.deviation_reached)
