@@ -33,7 +33,7 @@ MOST_UNITS_ACROSS = 8
 
 # Units that meet at a vertex over a region are examined together; with more than this number of them the region counts
 # as uncovered.
-MOST_UNITS_AROUND = 1 << 7
+MOST_UNITS_AROUND = 1 << 6
 
 # The largest number of leaves over several regions that are examined together.
 LEAVES_OVER_AT_ONCE = 1 << 16
