@@ -42,9 +42,6 @@ MOST_DIVIDED = 3
 # up to the third number.
 MOST_WITH_BOUNDS, MOST_OF_A_MESH, MOST_DEEPEST = 1 << 9, 1 << 12, 1 << 13
 
-# A bound up to this many times the limit may have been within it before, for other faces at once.
-NEARLY = 1 + 2.0**-30
-
 # The level of faces of which no level was passed over.
 NO_LEVEL = np.iinfo(np.intp).max
 
@@ -128,20 +125,15 @@ def distance_level_bounds(
         return
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     rest = np.ones(len(faces), dtype=bool)
-    # A depth without a bound by feet is proved by leaves, which cover the surface as well as the triangles.
-    by_leaves = np.zeros(len(faces), dtype=bool) if is_proved is None else is_proved[faces]
     for found in some.feet.bounds(np.arange(len(faces)), level, some.shown(level), some.limit, tick):
         short = found.faces[found.are_short]
         rest[short] = False
-        by_leaves[found.faces[found.bounds <= NEARLY * some.limit]] = False
         yield LevelBounds(faces[short], found.bounds[found.are_short] + test.allowance)
     if level == 0:
         others = rest & (mesh.face_sizes[faces] != 4)
         yield LevelBounds(faces[others], np.full(np.count_nonzero(others), np.inf))
         rest &= ~others
-    chosen = np.zeros(mesh.face_count, dtype=bool)
-    chosen[faces[by_leaves]] = True
-    for block in some.by_leaves(faces[rest], level, are_joined=True, is_proved=chosen):
+    for block in some.by_leaves(faces[rest], level, are_joined=True, is_proved=is_proved):
         yield LevelBounds(block.faces, np.where(block.bounds <= some.limit, block.bounds + test.allowance, np.inf))
 
 
@@ -221,8 +213,8 @@ class _SomeFaces:
         self, faces: IndexArray, level: int, *, are_joined: bool, is_proved: BoolArray | None = None
     ) -> Iterator[LevelBounds]:
         """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks. are_joined:
-        whether bounds hold both ways with any neighbours. is_proved: (F,) bool, whether the leaves of each face are
-        known to be within the limit."""
+        whether bounds hold both ways with any neighbours. is_proved: (F,) bool, whether each face has this level as its
+        depth."""
         at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, MOST_DIVIDED))
 
         def bound(some: IndexArray) -> LevelBounds:
@@ -240,9 +232,9 @@ def _distances(
     found: LevelLeaves, limit: float, rounded: float, is_proved: BoolArray, *, are_joined: bool
 ) -> FloatArray:
     """(B,): the largest bound of each face's leaves, both ways: the distance at equal parameters, or if that is beyond
-    the limit the deviation. is_proved: (B,) bool, whether the leaves of each face are known to be within the limit, so
-    that the limit is their bound. are_joined: whether the surface over neighbouring leaves counts as well, as feet may
-    not cover it there. rounded: the rounding allowance of a deviation."""
+    the limit the deviation. is_proved: (B,) bool, whether each face has the level as its depth, so that the limit is a
+    bound of its leaves, if no feet can have served. are_joined: whether the surface over neighbouring leaves counts as
+    well, as feet may not cover it there. rounded: the rounding allowance of a deviation."""
     leaves, mesh = found.leaves, found.leaves.refinement.mesh
     off = np.zeros(len(found.bases))
     off[found.is_own] = leaves.keep(found.is_own).at_equal_parameters(rounded)
@@ -252,7 +244,7 @@ def _distances(
         off[beside] = leaves.keep(beside).at_equal_parameters(rounded)
         beside &= off > limit
         off[is_open] = limit
-        own = is_open & ~np.append(is_proved, False)[found.bases]
+        own = is_open & (found.is_regular | ~np.append(is_proved, False)[found.bases])
         # A face with one leaf beyond the limit is beyond it; each leaf around the faces counts by itself.
         groups = np.where(found.is_own, found.bases, len(found.bounds) + np.arange(len(off)))
         for some in index_chunks(np.flatnonzero(own | beside), MEASURED_AT_ONCE):

@@ -20,6 +20,7 @@ from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
 from .certified_depth import certified_depths, certified_level_bounds
 from .distance_depth import distance_bounds_at, distance_depths, distance_level_bounds
+from .level_leaves import rings_around
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
@@ -135,6 +136,9 @@ def uniform_level(
     if Vertices(vertices) is Vertices.LIMIT:
         unmet = unmet_corners(mesh)
         with_margin[mesh.corner_faces[unmet.corners]] = True
+        if Method(method) is Method.DISTANCE:
+            # Other faces are compared with the triangles at these corners, too.
+            with_margin = rings_around(mesh, with_margin, 1)
         margin = unmet.margin(tolerance)
         least = max(least, 1)
     level = max(least, int(depths.max(initial=0)))
@@ -188,8 +192,8 @@ def level_bounds_in_chunks(
     is_proved: BoolArray | None = None,
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop.
-    is_proved: (F,) bool, whether each face has this level as its depth by the same test. By distance the leaves of
-    these faces are not measured again, and the tolerance is a bound of them.
+    is_proved: (F,) bool, whether each face has this level as its depth by the same test. By distance leaves of these
+    faces are not measured again if no feet can have served, and the tolerance is a bound of them.
     """
     if method is Method.DISTANCE:
         return distance_level_bounds(mesh, test, vertices, faces, level, tick, is_proved)

@@ -28,12 +28,13 @@ DEEPEST_REGULAR, REGULAR_TRIES = 5, 2
 @dataclass(frozen=True)
 class LevelLeaves:
     """Leaves of B faces at a level, with the leaves around them. bases: (K,) intp, the face of each, B for a leaf
-    around. is_own: (K,) bool, leaves of the faces without a bound of a larger part. bounds: (B,), of the larger
-    parts."""
+    around. is_own: (K,) bool, leaves of the faces without a bound of a larger part; is_regular: (K,) bool, of these the
+    regular ones. bounds: (B,), of the larger parts."""
 
     leaves: DrawnLeaves
     bases: IndexArray
     is_own: BoolArray
+    is_regular: BoolArray
     bounds: FloatArray
 
     @staticmethod
@@ -67,7 +68,7 @@ class LevelLeaves:
             reach = rings_around(refinement.mesh, is_own, RINGS)
             refinement = refinement.keep(reach)
             bases, regular_since = bases[reach], regular_since[reach]
-            is_own, is_turned = is_own[reach], is_turned[reach]
+            is_own, is_turned, is_regular = is_own[reach], is_turned[reach], is_regular[reach]
             if len(bases) > most and count > 1:
                 return None
             if own_level == level or not len(bases):
@@ -78,7 +79,7 @@ class LevelLeaves:
             is_own = np.repeat(is_own, sizes)
             refinement = refinement.refined()
         leaves = DrawnLeaves.of(refinement, is_turned, vertices, mesh.axes)
-        return LevelLeaves(leaves, bases, is_own, bounds)
+        return LevelLeaves(leaves, bases, is_own, is_regular & is_own, bounds)
 
 
 def _mask(count: int, chosen: IndexArray) -> BoolArray:
