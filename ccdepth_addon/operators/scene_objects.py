@@ -8,8 +8,8 @@ import bpy
 
 def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.types.Object) -> None:
     """Link an object to the collections of another, or to the scene's if all of them are linked or overrides, which
-    accept no objects."""
-    collections = other.users_collection
+    accept no objects. Blender itself has put the copy of a rigid body into the collection of rigid bodies."""
+    collections = [each for each in other.users_collection if each not in added.users_collection]
     own = [collection for collection in collections if collection.is_editable and not collection.override_library]
     for collection in own or [context.scene.collection]:
         collection.objects.link(added)

@@ -49,6 +49,15 @@ def test_the_result_is_a_new_object_beside_the_hidden_original() -> None:
     assert addon.is_untouched([holder])
 
 
+def test_the_result_of_a_rigid_body_is_one_as_well() -> None:
+    holder = hills()
+    addon.select(holder)
+    bpy.ops.rigidbody.object_add()
+    [result] = subdivide(holder, tolerance=ROUGH)
+    assert result.rigid_body is not None
+    assert set(result.users_collection) == set(holder.users_collection)
+
+
 def test_attributes_and_the_record_tell_what_was_made() -> None:
     holder = hills()
     scene.add_subdivision(holder, 1, boundary="PRESERVE_CORNERS")
