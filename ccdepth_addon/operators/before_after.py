@@ -11,6 +11,10 @@ from .scene_objects import can_be_shown, hide, link_beside, show_in_local_view
 from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
 
 
+# Objects to be hidden, each with the objects to be shown in its place.
+Swapped = dict[bpy.types.Object, list[bpy.types.Object]]
+
+
 class CCDEPTH_OT_before_after(QuickOperator):
     """Show the sources of the selected results of Apply Adaptive Subdivision in place of the results; or of selected
     sources, the results"""
@@ -34,7 +38,7 @@ class CCDEPTH_OT_before_after(QuickOperator):
         swapped = {each: _counterparts(each) for each in hidden}
         shown = list(dict.fromkeys(other for others in swapped.values() for other in others))
         shown = shown if hidden else _left_hidden(context)
-        _swap(context, hidden, shown)
+        _swap(context, swapped, shown)
         context.view_layer.objects.active = swapped[active][0] if active in swapped else shown[0]
         if len(shown) > 1:
             self.report({"INFO"}, count_text(len(shown), "object", "objects"))
@@ -67,10 +71,10 @@ def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
     return [source]
 
 
-def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: list[bpy.types.Object]) -> None:
+def _swap(context: bpy.types.Context, swapped: Swapped, shown: list[bpy.types.Object]) -> None:
     """Hide some objects, from the render as well, and show and select others. Raises ComputeError, with nothing
     changed, when one of these cannot be shown."""
-    layer = context.view_layer
+    layer, hidden, unrendered = context.view_layer, list(swapped), _unrendered(swapped)
     for each in shown:
         if not each.users_scene and each.library is None:
             # The object was deleted, and is in the file only because its result needs it.
@@ -79,13 +83,19 @@ def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: lis
     refuse(shown, lambda each: _showing_fault(context, each))
     for each in shown:
         each.hide_set(False)
-        each.hide_render = False
+        each.hide_render = each in unrendered
         show_in_local_view(context, each)
     for each in shown:
         each.select_set(True)
     for each in hidden:
         if each not in shown:
             hide(each)
+
+
+def _unrendered(swapped: Swapped) -> set[bpy.types.Object]:
+    """The objects to be shown, but not in the render: neither they nor the objects in their place are rendered."""
+    rendered = {other for each, others in swapped.items() if not each.hide_render for other in others}
+    return {other for others in swapped.values() for other in others if other.hide_render} - rendered
 
 
 def _showing_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> str | None:

@@ -330,6 +330,15 @@ def test_source_and_result_are_swapped_and_swapped_back() -> None:
     assert not bpy.ops.ccdepth.update.poll()
 
 
+def test_what_is_not_rendered_stays_so() -> None:
+    source = scene.add_object(meshes.cube(), "Cage")
+    source.hide_render = True
+    [result] = subdivide(source)
+    for _ in range(2):
+        assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
+        assert (source.hide_render, result.hide_render) == (True, True)
+
+
 def test_several_are_swapped_together() -> None:
     """And duplicates that the user made of results."""
     sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.cube(), "Two")]
