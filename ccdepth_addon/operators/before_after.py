@@ -7,9 +7,8 @@ import bpy
 
 from ..state import out_of_date, result_record
 from ..tasks.surfaces import ComputeError
-from .scene_objects import can_be_shown, hide, link_beside, show_in_local_view
+from .scene_objects import can_be_shown, hide, in_local_view, link_beside, show_in_local_view
 from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
-
 
 # Objects to be hidden, each with the objects to be shown in its place.
 Swapped = dict[bpy.types.Object, list[bpy.types.Object]]
@@ -104,6 +103,7 @@ def _showing_fault(context: bpy.types.Context, blender_object: bpy.types.Object)
         scenes = [scene.name for scene in blender_object.users_scene if scene != context.scene]
         where = f"is in the scene “{scenes[0]}”" if scenes else "is not in this view layer"
         return f"it {where}, and cannot be shown here"
-    if can_be_shown(blender_object):
-        return None
+    with in_local_view(context, blender_object):
+        if can_be_shown(blender_object):
+            return None
     return "it is in a hidden collection, or disabled in viewports; show that first"

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import bpy
 
 
@@ -17,9 +20,27 @@ def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.
 
 def show_in_local_view(context: bpy.types.Context, blender_object: bpy.types.Object) -> None:
     """Show the object in the operator's 3D View, if that is in local view."""
-    space = context.space_data
-    if space is not None and space.type == "VIEW_3D" and space.local_view:
+    space = _local_view(context)
+    if space is not None:
         blender_object.local_view_set(space, True)
+
+
+@contextmanager
+def in_local_view(context: bpy.types.Context, blender_object: bpy.types.Object) -> Iterator[None]:
+    """The same while this context lasts."""
+    space = _local_view(context)
+    was_in_view = space is not None and blender_object.local_view_get(space)
+    show_in_local_view(context, blender_object)
+    try:
+        yield
+    finally:
+        if space is not None:
+            blender_object.local_view_set(space, was_in_view)
+
+
+def _local_view(context: bpy.types.Context) -> bpy.types.SpaceView3D | None:
+    space = context.space_data
+    return space if space is not None and space.type == "VIEW_3D" and space.local_view else None
 
 
 def can_be_shown(blender_object: bpy.types.Object) -> bool:

@@ -339,6 +339,16 @@ def test_what_is_not_rendered_stays_so() -> None:
         assert (source.hide_render, result.hide_render) == (True, True)
 
 
+def test_local_view_shows_the_source_as_well() -> None:
+    source, _ = made_result()
+    area = next(each for each in bpy.context.screen.areas if each.type == "VIEW_3D")
+    with bpy.context.temp_override(area=area, region=area.regions[-1]):
+        bpy.ops.view3d.localview()
+        assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
+        assert source.visible_get()
+        bpy.ops.view3d.localview()
+
+
 def test_several_are_swapped_together() -> None:
     """And duplicates that the user made of results."""
     sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.cube(), "Two")]
