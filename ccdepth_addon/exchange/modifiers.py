@@ -96,6 +96,18 @@ def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> 
     return [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
 
 
+def left_out_sculpting(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
+    """The Multiresolution modifiers with levels that are not applied. Blender keeps their sculpting on the object's own
+    mesh, so they have none beside another mesh."""
+    applied = applied_modifiers(blender_object, use_modifiers=use_modifiers)
+    return [each for each in sculpted(blender_object) if each not in applied]
+
+
+def sculpted(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """The Multiresolution modifiers with levels, which may be sculpted."""
+    return [each for each in blender_object.modifiers if each.type == "MULTIRES" and each.total_levels]
+
+
 def has_own_keys(blender_object: bpy.types.Object, *, use_modifiers: bool) -> bool:
     """Whether the base mesh has shape keys; if modifiers make the mesh, keys are applied."""
     has_keys = blender_object.data.shape_keys is not None

@@ -7,7 +7,7 @@ from functools import partial
 
 import bpy
 
-from ..exchange.modifiers import base_modifiers, has_own_keys
+from ..exchange.modifiers import base_modifiers, has_own_keys, left_out_sculpting
 from ..state import known, properties
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
@@ -105,13 +105,14 @@ def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> 
 
 
 def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
-    """Notes on shape keys with an outcome that would surprise a user."""
+    """Notes on sculpting and shape keys with an outcome that would surprise a user."""
     source = bpy.data.objects[task.targets[0].source]
+    notes = []
+    if left_out_sculpting(source, use_modifiers=use_modifiers):
+        notes.append("its Multiresolution modifier is not included, so the result lacks its sculpting")
     keys = source.data.shape_keys
-    if keys is None:
-        return []
-    if base_modifiers(source, use_modifiers=use_modifiers):
-        return [f"{source.name}: its shape keys are applied, like the included modifiers"]
-    if any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
-        return [f"{source.name}: the tolerance is not proved where a vertex group limits a shape key"]
-    return []
+    if keys is not None and base_modifiers(source, use_modifiers=use_modifiers):
+        notes.append("its shape keys are applied, like the included modifiers")
+    elif keys is not None and any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
+        notes.append("the tolerance is not proved where a vertex group limits a shape key")
+    return [f"{source.name}: {note}" for note in notes]

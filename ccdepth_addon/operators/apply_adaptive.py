@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import bpy
 
+from ..exchange.modifiers import left_out_sculpting
 from ..state import heat_map, out_of_date, properties, result_record
 from ..state.heat_map import Shown
 from .adaptive_operator import MakingOperator
@@ -48,9 +49,20 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     def _fault(self, blender_object: bpy.types.Object) -> str | None:
         if not self.subdivide_results and result_record.is_adaptive(blender_object):
             return _result_fault(blender_object)
-        if self.output == "IN_PLACE" and blender_object.override_library is not None:
-            return "the object is a library override; choose New Object, or make it local first"
+        if self.output == "IN_PLACE" and (fault := self._replacing_fault(blender_object)):
+            return fault
         return hidden_fault(blender_object) or self.making_fault(blender_object, blender_object)
+
+    def _replacing_fault(self, blender_object: bpy.types.Object) -> str | None:
+        """The reason why the object's mesh cannot be replaced, or None."""
+        if blender_object.override_library is not None:
+            return "the object is a library override; choose New Object, or make it local first"
+        if left_out_sculpting(blender_object, use_modifiers=self.use_modifiers):
+            return (
+                "the sculpting of its Multiresolution modifier would be lost; turn Include Modifiers on and show the "
+                "modifier, or choose New Object"
+            )
+        return None
 
 
 def _result_fault(blender_object: bpy.types.Object) -> str:

@@ -19,7 +19,7 @@ from ..exchange.data_blocks import is_writable, meshes_with, own_copy
 from ..exchange.dependencies import object_state
 from ..exchange.evaluated import Evaluated, batches, evaluated
 from ..exchange.mesh_arrays import geometry_checksum
-from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
+from ..exchange.modifiers import applied_modifiers, base_modifiers, left_out_sculpting, subdivision_modifier
 from ..state import mesh_values, out_of_date, result_record
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
@@ -277,5 +277,7 @@ def _take_places(
 
 
 def _remove_applied_modifiers(blender_object: bpy.types.Object, settings: AdaptiveSettings) -> None:
-    for modifier in applied_modifiers(blender_object, use_modifiers=settings.use_modifiers):
+    """Without its sculpting, a Multiresolution modifier would only divide each face once more."""
+    applied = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
+    for modifier in applied + left_out_sculpting(blender_object, use_modifiers=settings.use_modifiers):
         blender_object.modifiers.remove(modifier)

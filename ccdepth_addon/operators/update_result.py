@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import bpy
 
+from ..exchange.modifiers import sculpted
 from ..state import out_of_date, result_record, watch
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable_lines
@@ -44,6 +45,8 @@ class UpdatingOperator(MakingOperator):
             return LINKED
         if result.override_library is not None:
             return "the object is a library override; make it local first"
+        if sculpted(result):
+            return "the sculpting of its Multiresolution modifier would be lost; apply or remove the modifier first"
         source = result_record.control_object(result)
         return _source_fault(result, together, self.use_modifiers) or self.making_fault(result, source)
 

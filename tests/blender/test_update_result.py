@@ -272,6 +272,27 @@ def test_modifiers_count_once() -> None:
     update(with_it)
 
 
+def test_no_sculpting_is_lost_with_a_mesh(capfd: pytest.CaptureFixture[str]) -> None:
+    """A Multiresolution modifier keeps it on the object's own mesh."""
+    source = scene.add_object(meshes.cube(), "Cage")
+    addon.select(source)
+    add_levels(source)
+    refused(source, match="sculpting .* would be lost; turn Include", output="IN_PLACE", use_modifiers=False)
+    [result] = subdivide(source, use_modifiers=False)
+    assert "Cage: its Multiresolution modifier is not included" in capfd.readouterr().out
+    assert (len(source.modifiers), len(result.modifiers)) == (1, 0)
+    add_levels(result)
+    refuses("update", "sculpting .* would be lost; apply or remove", result)
+    result.modifiers.clear()
+    update(result)
+    subdivide(source, output="IN_PLACE")
+
+
+def add_levels(holder: bpy.types.Object) -> None:
+    """Give the active object a Multiresolution modifier that can be sculpted."""
+    bpy.ops.object.multires_subdivide(modifier=holder.modifiers.new("Sculpted", "MULTIRES").name)
+
+
 def test_a_linked_result_is_refused_and_an_appended_one_brings_its_source(tmp_path: Path) -> None:
     made_result()
     path = str(tmp_path / "library.blend")
