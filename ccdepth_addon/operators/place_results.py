@@ -277,7 +277,8 @@ def _take_places(
 
 
 def _remove_applied_modifiers(blender_object: bpy.types.Object, settings: AdaptiveSettings) -> None:
-    """Without its sculpting, a Multiresolution modifier would only divide each face once more."""
+    """Remove the modifiers that the mesh replaces, and Multiresolution modifiers left out: without their sculpting they
+    would only divide the faces."""
     applied = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
     for modifier in applied + left_out_sculpting(blender_object, use_modifiers=settings.use_modifiers):
         blender_object.modifiers.remove(modifier)

@@ -15,7 +15,7 @@ TAKERS = {"OBJECT", "NODETREE", "PARTICLE"}
 def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.types.Object) -> None:
     """Link an object to the collections of another, or to the scene's if all of them are linked or overrides, which
     accept no objects. Blender itself has put the copy of a rigid body into the collection of rigid bodies."""
-    collections = [each for each in other.users_collection if each not in added.users_collection]
+    collections = set(other.users_collection) - set(added.users_collection)
     own = [collection for collection in collections if collection.is_editable and not collection.override_library]
     for collection in own or [context.scene.collection]:
         collection.objects.link(added)
@@ -60,7 +60,7 @@ def show_in_local_view(context: bpy.types.Context, blender_object: bpy.types.Obj
 
 @contextmanager
 def in_local_view(context: bpy.types.Context, blender_object: bpy.types.Object) -> Iterator[None]:
-    """The same while this context lasts."""
+    """Show the object in the operator's local view, if there is one, while this context lasts."""
     space = _local_view(context)
     was_in_view = space is not None and blender_object.local_view_get(space)
     show_in_local_view(context, blender_object)
