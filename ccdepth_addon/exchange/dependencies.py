@@ -20,7 +20,15 @@ import numpy as np
 from ..core import FloatArray
 from .control_mesh import gram_matrix
 from .mesh_arrays import CREASE_DOMAINS, checksum_of_points, geometry_checksum
-from .modifiers import NOT_SHAPING, OF_OBJECT, SIMULATIONS, counted_modifiers, shown_vertices, surface_rule
+from .modifiers import (
+    NOT_SHAPING,
+    OF_OBJECT,
+    SIMULATIONS,
+    counted_modifiers,
+    shown_vertices,
+    simplified_levels,
+    surface_rule,
+)
 
 # Places of other objects are rounded: objects that are turned together keep them but for rounding.
 DECIMALS = 5
@@ -31,6 +39,9 @@ DEEPEST = 5
 # Modifiers that depend on the frame even without animated settings.
 AT_FRAMES = {"BUILD", "DYNAMIC_PAINT", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "PARTICLE_INSTANCE", "WAVE"}
 NODES_AT_FRAMES = {"GeometryNodeBake", "GeometryNodeInputSceneTime", "GeometryNodeSimulationOutput"}
+
+# Modifiers whose levels Simplify limits.
+SIMPLIFIED = {"MULTIRES", "SUBSURF"}
 
 # The state of Blender's interface, and counts of a modifier's last evaluation.
 DISPLAY_PREFIXES = ("active_", "open_")
@@ -183,6 +194,8 @@ class _Describer:
         if modifier.type == "NODES" and not hasattr(modifier, "properties"):
             # Since Blender 5.2 the inputs are ordinary properties; before, custom properties.
             text += " ".join(f"{key}={self._value(modifier[key])}" for key in modifier.keys())  # noqa: SIM118
+        if modifier.type in SIMPLIFIED:
+            text += _simplified_text(modifier.levels)
         runs = modifier.type in AT_FRAMES and getattr(modifier, "play_mode", "SCENE") == "SCENE"
         return f"{text} {_frame_text()}" if runs else text
 
@@ -284,6 +297,12 @@ def _shape_keys_text(keys: bpy.types.Key) -> str:
         for key in keys.key_blocks
     ]
     return repr((keys.use_relative, keys.use_relative or keys.eval_time, blocks))
+
+
+def _simplified_text(levels: int) -> str:
+    """The levels that Simplify leaves of a modifier's levels in the viewport; empty where it leaves all."""
+    limits = simplified_levels(bpy.context.scene)
+    return f" simplified to {limits[0]}" if limits is not None and limits[0] < levels else ""
 
 
 def _frame_text() -> str:

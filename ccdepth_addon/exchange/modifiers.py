@@ -59,6 +59,12 @@ def shown_vertices(blender_object: bpy.types.Object, vertices: str) -> str:
     return "LIMIT" if modifier is None or modifier.use_limit_surface else "CONTROL"
 
 
+def simplified_levels(scene: bpy.types.Scene) -> tuple[int, int] | None:
+    """The most levels that the scene's Simplify shows, in the viewport and in renders; None where it is off."""
+    render = scene.render
+    return (render.simplify_subdivision, render.simplify_subdivision_render) if render.use_simplify else None
+
+
 def counted_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
     """The modifiers above the Subdivision Surface modifier that show in the viewport; none if modifiers do not
     count."""

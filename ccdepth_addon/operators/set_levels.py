@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.modifiers import OF_OBJECT, shown_vertices, subdivision_modifier
+from ..exchange.modifiers import OF_OBJECT, shown_vertices, simplified_levels, subdivision_modifier
 from ..state import known, mesh_values, out_of_date, result_record
 from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
@@ -38,9 +38,23 @@ class CCDEPTH_OT_set_levels(QuickOperator):
         refuse(objects, lambda obj: _levels_fault(obj, obj in stale, settings))
         for blender_object in objects:
             _set_levels(blender_object)
+        if note := simplify_note(context.scene, max(each.data.ccdepth.uniform_level for each in objects)):
+            self.report({"WARNING"}, note)
         levels = ", ".join(sorted({str(obj.data.ccdepth.uniform_level) for obj in objects}))
         self.report({"INFO"}, f"{count_text(len(objects), 'object', 'objects')}, level {levels}")
         return {"FINISHED"}
+
+
+def simplify_note(scene: bpy.types.Scene, level: int) -> str | None:
+    """A note that the scene's Simplify shows less than the level; None where it shows the level."""
+    limits = simplified_levels(scene)
+    if limits is None or min(limits) >= level:
+        return None
+    viewport, render = (count_text(each, "level", "levels") for each in limits)
+    return (
+        f"Simplify shows at most {viewport} in the viewport and {render} in renders: raise its Max Subdivision in the "
+        f"render properties to {level}, or turn Simplify off"
+    )
 
 
 def _has_depths(blender_object: bpy.types.Object) -> bool:

@@ -179,3 +179,13 @@ def test_a_refusal_names_the_faces_that_are_the_cause_and_what_divides_the_other
     # What the button in the panel selects.
     assert bpy.ops.ccdepth.select(depth=fitting + 1, comparison="AT_LEAST") == {"FINISHED"}
     assert sum(face.select for face in holder.data.polygons) == beyond
+
+
+@pytest.mark.parametrize(("viewport", "render"), [(0, 6), (6, 1), (6, 6)])
+def test_simplify_that_shows_less_is_told(viewport: int, render: int, capfd: pytest.CaptureFixture[str]) -> None:
+    addon.compute(scene.add_suzanne(), tolerance=TOLERANCE / 10)
+    settings = bpy.context.scene.render
+    settings.use_simplify = True
+    settings.simplify_subdivision, settings.simplify_subdivision_render = viewport, render
+    assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+    assert ("Warning: Simplify shows at most" in capfd.readouterr().out) == (min(viewport, render) < 6)

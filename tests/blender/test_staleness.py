@@ -391,6 +391,10 @@ SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], objec
         lambda holder: modified(holder, "BEVEL", profile_type="CUSTOM").custom_profile,
         lambda profile: set_and_tell(profile, profile.update, profile.id_data.update_tag, preset="STEPS"),
     ),
+    "Simplify": (
+        lambda holder: modified(holder, "SUBSURF", subdivision_type="SIMPLE", levels=2),
+        lambda _: set_on(bpy.context.scene.render, use_simplify=True, simplify_subdivision=1),
+    ),
     # It is called like something of a node.
     "the height of waves": (lambda holder: modified(holder, "WAVE"), lambda wave: set_on(wave, height=0.125)),
     "nodes": (lambda holder: modified(holder, "NODES"), lambda nodes: set_on(nodes, node_group=scene.node_tree())),
