@@ -15,6 +15,9 @@ from .report import name_of
 # Objects of these types show no surface of their own.
 NO_SURFACE = {"ARMATURE", "CAMERA", "EMPTY", "LATTICE", "LIGHT", "LIGHT_PROBE", "SPEAKER"}
 
+# The reason for objects in collections that the view layer excludes.
+EXCLUDED = "EXCLUDED_FROM_VIEW_LAYER"
+
 
 def chosen_objects(
     source: Path | None, names: Sequence[str] | None = None, collection: str | None = None
@@ -43,6 +46,7 @@ def chosen_objects(
         which = " that is not hidden" if any(obj.type == "MESH" for obj in there) else ""
         raise CommandError(f"{file}: there is no mesh object in {place}{which}")
     left_out = {obj.name: reason for obj in found if (reason := _reason_to_leave_out(obj)) is not None}
+    left_out |= {obj.name: EXCLUDED for obj in _excluded_meshes() if obj in there and names is None}
     meshes: dict[bpy.types.Mesh, bpy.types.Mesh] = {}
     return [_own(each, meshes) for each in visible], left_out
 
@@ -55,6 +59,12 @@ def _reason_to_leave_out(blender_object: bpy.types.Object) -> str | None:
         return "COLLECTION_INSTANCE"
     is_left_out = blender_object.type not in NO_SURFACE and blender_object.visible_get()
     return blender_object.type if is_left_out else None
+
+
+def _excluded_meshes() -> list[bpy.types.Object]:
+    """The mesh objects of the scene in collections that the view layer excludes, and in no other."""
+    shown = set(bpy.context.view_layer.objects)
+    return [obj for obj in bpy.context.scene.collection.all_objects if obj.type == "MESH" and obj not in shown]
 
 
 def _own(blender_object: bpy.types.Object, meshes: dict[bpy.types.Mesh, bpy.types.Mesh]) -> bpy.types.Object:

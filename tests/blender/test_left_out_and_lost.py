@@ -89,6 +89,17 @@ def test_what_is_left_out_is_named(tmp_path: Path, capfd: Capture) -> None:
     assert entry["left_out"] == {}
 
 
+def test_objects_that_the_view_layer_excludes_are_named(tmp_path: Path, capfd: Capture) -> None:
+    path, report = save_cubes(tmp_path / "all.blend", "Cube", "Excluded", "In Both"), tmp_path / "report.json"
+    scene.add_collection("Off", bpy.data.objects["Excluded"], alone=True).objects.link(bpy.data.objects["In Both"])
+    bpy.context.view_layer.layer_collection.children["Off"].exclude = True
+    save(path)
+    told = said(capfd, path, *LINE, "--json", report, status=0)
+    assert "“Excluded” is left out: excluded from view layer" in told
+    assert report_in(report)["files"][0]["left_out"] == {"Excluded": "EXCLUDED_FROM_VIEW_LAYER"}
+    assert run("--verify", report) == 0
+
+
 def save_painted(path: Path) -> Path:
     """Two closed cubes with a UV map that has seams, colours, and a material with a texture."""
     scene.clear()
