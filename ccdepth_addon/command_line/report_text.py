@@ -12,7 +12,7 @@ from ..state import mesh_values
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
-from ..ui.lengths import METRIC, PLAIN, Rounding, bound_text, number_text
+from ..ui.lengths import METRIC, PLAIN, Rounding, bound_text, looks_too_long, number_text
 from ..ui.printable import printable
 from .report import FileEntry
 
@@ -47,7 +47,7 @@ def print_measured(entry: FileEntry) -> None:
     """Print the distances of meshes from their limit surfaces."""
     for each in entry.objects:
         if each.measured is not None:
-            most = metres_text(each.measured.proved, Rounding.UP)
+            most = bound_metres_text(each.measured.proved, each.tolerance)
             least = metres_text(each.measured.reached, Rounding.DOWN)
             verdict = verdict_of(each.measured.proved, each.measured.reached, each.tolerance)
             text = deviation_text(most, least, metres_text(each.tolerance), verdict)
@@ -57,6 +57,14 @@ def print_measured(entry: FileEntry) -> None:
 def _proved_text(length: float, tolerance: float) -> str:
     """A proved length of the scene, rounded up."""
     return bound_text(bpy.context.scene, length, tolerance, PLAIN)
+
+
+def bound_metres_text(bound: float, tolerance: float) -> str:
+    """A proved distance in metres, rounded up; a distance within the tolerance is never written as more than the
+    tolerance."""
+    if looks_too_long(Decimal(bound), Decimal(tolerance)):
+        return metres_text(tolerance)
+    return metres_text(bound, Rounding.UP)
 
 
 def metres_text(length: float, rounding: Rounding = Rounding.NEAREST) -> str:

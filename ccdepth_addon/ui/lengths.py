@@ -100,11 +100,14 @@ def length_text(
 def bound_text(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Unit | None = None) -> str:
     """A proved distance, rounded up; a distance within the tolerance is never written as more than the tolerance."""
     compared = unit or unit_for(scene, tolerance)
-    written = number_text(in_unit(scene, bound, compared), Rounding.UP)
-    allowed = number_text(in_unit(scene, tolerance, compared))
-    if bound <= tolerance and Decimal(written) > Decimal(allowed):
+    if looks_too_long(in_unit(scene, bound, compared), in_unit(scene, tolerance, compared)):
         return length_text(scene, tolerance, unit=unit)
     return length_text(scene, bound, Rounding.UP, unit=unit)
+
+
+def looks_too_long(bound: Decimal, tolerance: Decimal) -> bool:
+    """Whether a bound within the tolerance becomes more than the tolerance when both are written."""
+    return bound <= tolerance and Decimal(number_text(bound, Rounding.UP)) > Decimal(number_text(tolerance))
 
 
 def in_unit(scene: bpy.types.Scene, length: float, unit: Unit) -> Decimal:

@@ -5,6 +5,8 @@ test_measure_guarantee tests the distances. Most of it runs for a moment only: w
 at.
 """
 
+from types import SimpleNamespace
+
 import bmesh
 import bpy
 import numpy as np
@@ -357,3 +359,12 @@ def test_framing_shows_the_front_of_the_face(editing: bool, scale: tuple[float, 
         view().view_rotation = seen = turned @ Quaternion((1.0, 0.0, 0.0), 0.5)
         bpy.ops.ccdepth.select_worst(frame=True)
         assert view().view_rotation.rotation_difference(seen).angle < 1e-3
+
+
+def test_a_distance_within_the_tolerance_is_not_reported_as_more() -> None:
+    """Rounded up it would be 3.465 mm, and the tolerance is written as 3.464 mm."""
+    met = addon.module("tasks.deviation_task").Verdict.MET
+    answer = SimpleNamespace(proved=0.00346409, reached=0.001, tolerance=0.0034641, verdict=met)
+    text = addon.module("operators.measure_deviation")._text(bpy.context.scene, answer)
+    assert text == "Deviation at most 0.003464 m, at least 0.001 m: within the tolerance of 0.003464 m"
+    assert addon.module("command_line.report_text").bound_metres_text(answer.proved, answer.tolerance) == "3.464 mm"
