@@ -67,7 +67,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         progress in faces. Raises ComputeError."""
         settings = self.settings()
         tasks = yield from prepare_adaptive(context, sources, settings, objects)
-        notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
+        notes = [note for task in tasks for note in _notes(task, self.use_modifiers, self.exact_normals)]
         answers = yield Work(partial(subdivide, tasks, settings), text, self.counted)
         if not self.reduce:
             return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals)), notes
@@ -104,12 +104,14 @@ def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> 
     return name_fault(source) if blender_object.is_editable else LINKED
 
 
-def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
-    """Notes on sculpting and shape keys with an outcome that would surprise a user."""
+def _notes(task: AdaptiveTask, use_modifiers: bool, exact_normals: bool) -> list[str]:
+    """Notes on sculpting, custom normals and shape keys with an outcome that would surprise a user."""
     source = bpy.data.objects[task.targets[0].source]
     notes = []
     if left_out_sculpting(source, use_modifiers=use_modifiers):
         notes.append("its Multiresolution modifier is not included, so the result lacks its sculpting")
+    if source.data.has_custom_normals and not exact_normals:
+        notes.append("its custom normals are left out; Exact Normals shades like the limit surface")
     keys = source.data.shape_keys
     if keys is not None and base_modifiers(source, use_modifiers=use_modifiers):
         notes.append("its shape keys are applied, like the included modifiers")

@@ -272,6 +272,15 @@ def test_shape_keys_stay_unless_modifiers_are_applied_with_them_and_their_mix_is
     assert "Hills: its shape keys are applied" in capfd.readouterr().out
 
 
+def test_custom_normals_that_are_left_out_are_told(capfd: pytest.CaptureFixture[str]) -> None:
+    holder = scene.add_object(meshes.cube(), "Shaded")
+    holder.data.normals_split_custom_set([(0.6, 0.0, 0.8)] * len(holder.data.loops))
+    for exact_normals in (True, False):
+        [result] = subdivide(holder, tolerance=ROUGH, exact_normals=exact_normals)
+        assert result.data.has_custom_normals == exact_normals
+        assert ("Shaded: its custom normals are left out" in capfd.readouterr().out) == (not exact_normals)
+
+
 placing = addon.module("operators.place_results")
 
 SETTINGS = addon.module("tasks.adaptive_task").AdaptiveSettings(
