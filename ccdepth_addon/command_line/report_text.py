@@ -12,7 +12,7 @@ from ..state import mesh_values
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
-from ..ui.lengths import METRIC, PLAIN, Rounding, bound_text, looks_too_long, number_text
+from ..ui.lengths import METRIC, Rounding, bound_text, length_text, looks_too_long, number_text
 from ..ui.printable import printable
 from .report import FileEntry
 
@@ -54,9 +54,14 @@ def print_measured(entry: FileEntry) -> None:
             print(f"{printable(each.result or each.name)}: {text}")
 
 
+def _length_text(length: float) -> str:
+    """A length of the scene with its unit."""
+    return length_text(bpy.context.scene, length)
+
+
 def _proved_text(length: float, tolerance: float) -> str:
-    """A proved length of the scene, rounded up."""
-    return bound_text(bpy.context.scene, length, tolerance, PLAIN)
+    """A proved length of the scene, rounded up, with its unit."""
+    return bound_text(bpy.context.scene, length, tolerance)
 
 
 def bound_metres_text(bound: float, tolerance: float) -> str:
@@ -80,13 +85,13 @@ def settings_text(objects: Sequence[bpy.types.Object]) -> str:
     if mesh_values.is_deviation_last(objects[0].data):
         records = [obj.data.ccdepth for obj in objects]
         deviation, length = max((each.deviation, each.measurement.world_tolerance) for each in records)
-        return f"Tolerance {length:.4g} · Largest deviation proved: {_proved_text(deviation, length)}"
-    tolerance = f"{record.tolerance:.4g}"
+        return f"Tolerance {_length_text(length)} · Largest deviation proved: {_proved_text(deviation, length)}"
+    tolerance = _length_text(record.tolerance)
     if record.tolerance_mode == "RELATIVE":
-        tolerance += " of the diagonal"
+        tolerance = f"{record.tolerance:.4g} of the diagonal"
         lengths = {obj.data.ccdepth.world_tolerance for obj in objects}
         if len(lengths) == 1:
-            tolerance += f" ({record.world_tolerance:.4g})"
+            tolerance += f" ({_length_text(record.world_tolerance)})"
     if record.subdivision:
         records = [obj.data.ccdepth for obj in objects]
         proved = _proved_text(*max((each.largest_bound, each.world_tolerance) for each in records))

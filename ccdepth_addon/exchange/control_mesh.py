@@ -25,7 +25,7 @@ from ..core import (
 )
 from .blender_arrays import read_built_in
 from .evaluated import Evaluated, evaluated
-from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, own_mesh
+from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, mesh_face_count, own_mesh
 from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
 
 # The arrays that a mesh keeps when its vertices alone move.
@@ -255,7 +255,9 @@ def base_mesh(
     rule, world = _rule_and_world(blender_object, applied)
     mesh = copies.without_origins(blender_object)
     _copy_custom_properties(blender_object.data, mesh)
-    return mesh, ControlMesh.of(mesh_arrays(mesh, rule), rule, None, world)
+    arrays = mesh_arrays(mesh, rule)
+    _refuse_no_faces(blender_object, arrays)
+    return mesh, ControlMesh.of(arrays, rule, None, world)
 
 
 def _rule_and_world(
@@ -300,13 +302,20 @@ def _read_evaluated(
     mesh."""
     made, base_faces = copies.made(blender_object)
     mesh = mesh_arrays(made, rule)
-    losing = copies.losing_modifier(blender_object, base_faces) if mesh.face_count else None
-    if losing is not None:
+    _refuse_no_faces(blender_object, mesh)
+    loss = copies.loss_of_faces(blender_object, base_faces) if mesh.face_count else None
+    if loss is not None:
         raise ControlMeshError(
-            f"the modifier “{losing}” merges faces of the mesh, so these faces have no depths: apply the modifier, "
-            "or turn Include Modifiers off"
+            f"the modifier {loss} of the mesh, so the mesh's own faces have no depths: apply the modifier, or turn "
+            "Include Modifiers off"
         )
     return mesh, base_faces
+
+
+def _refuse_no_faces(blender_object: bpy.types.Object, made: PolygonMesh) -> None:
+    """Raise InvalidMeshError if the modifiers leave none of the faces of the object's own mesh."""
+    if not made.face_count and mesh_face_count(blender_object.data):
+        raise InvalidMeshError("its modifiers leave no faces of the mesh")
 
 
 def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:

@@ -34,6 +34,9 @@ VERTICES_AT_ONCE = 1 << 18
 # The modifiers that remove faces. Other modifiers lose faces by merging them into faces that keep one origin alone.
 REMOVING_FACES = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
 
+# The modifiers that make new faces alone, even where a new face has the origin of an old one.
+REPLACING_FACES = {"OCEAN", "REMESH", "SCREW", "SKIN"}
+
 
 def in_batches(objects: Sequence[bpy.types.Object]) -> Iterator[list[bpy.types.Object]]:
     """The objects in groups few and small enough to be evaluated at once."""
@@ -80,7 +83,7 @@ class Evaluated:
         self._copies: dict[int, _Copy] = {}
         # Copies of meshes, each made once for all objects that use it, and the names of the origins on them.
         self._meshes: dict[int, tuple[bpy.types.Mesh, str]] = {}
-        self._losing: dict[int, bpy.types.Modifier] | None = None
+        self._losing: dict[int, str] | None = None
 
     def add(self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]) -> None:
         """Copy an object, with chosen modifiers, and with origins on its faces."""
@@ -136,23 +139,23 @@ class Evaluated:
             mesh.attributes.remove(origins)
         return mesh
 
-    def losing_modifier(self, blender_object: bpy.types.Object, base_faces: IndexArray) -> str | None:
-        """The modifier that merges faces, or None. base_faces: the origins of the made mesh's faces."""
+    def loss_of_faces(self, blender_object: bpy.types.Object, base_faces: IndexArray) -> str | None:
+        """The name of the modifier that merges or replaces faces, and which of both, or None. base_faces: the origins
+        of the made mesh's faces."""
         if len(present_faces(base_faces)) == self._copies[blender_object.session_uid].faces:
             return None
         if self._losing is None:
             self._losing = self._find_losing()
-        modifier = self._losing.get(blender_object.session_uid)
-        return None if modifier is None else modifier.name
+        return self._losing.get(blender_object.session_uid)
 
-    def _find_losing(self) -> dict[int, bpy.types.Modifier]:
-        """The first modifier of each copy that loses faces, found by showing one more modifier of all copies at a
-        time."""
+    def _find_losing(self) -> dict[int, str]:
+        """The first modifier of each copy that loses faces, and its way to do so, found by showing one more modifier of
+        all copies at a time."""
         stacks = {uid: list(copy.holder.modifiers) for uid, copy in self._copies.items()}
         for modifier in [modifier for stack in stacks.values() for modifier in stack]:
             modifier.show_viewport = False
         present = {uid: copy.faces for uid, copy in self._copies.items()}
-        losing: dict[int, bpy.types.Modifier] = {}
+        losing: dict[int, str] = {}
         for place in range(max(map(len, stacks.values()))):
             shown = {uid: stack[place] for uid, stack in stacks.items() if place < len(stack)}
             for modifier in shown.values():
@@ -162,7 +165,9 @@ class Evaluated:
                 shape = copy.holder.evaluated_get(self._context.evaluated_depsgraph_get()).data
                 before, present[uid] = present[uid], len(present_faces(copy.origins_on(shape)))
                 if present[uid] < before and (present[uid] == 0 or modifier.type not in REMOVING_FACES):
-                    losing.setdefault(uid, modifier)
+                    is_replaced = present[uid] == 0 or modifier.type in REPLACING_FACES
+                    way = "replaces all" if is_replaced else "merges"
+                    losing.setdefault(uid, f"“{modifier.name}” {way} faces")
         return losing
 
     def remove(self) -> None:

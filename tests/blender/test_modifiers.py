@@ -190,8 +190,17 @@ def test_groups_and_materials_limit_modifiers_in_edit_mode_as_well(limit: Callab
     np.testing.assert_array_equal(addon.bounds(holder), in_object_mode)
 
 
-@pytest.mark.parametrize("kind", ["REMESH", "DECIMATE", "NODES", "CLOTH"])
-def test_modifiers_that_lose_the_faces_are_named(kind: str) -> None:
+@pytest.mark.parametrize(
+    ("kind", "way"),
+    [
+        ("REMESH", "replaces all faces"),
+        ("SCREW", "replaces all faces"),
+        ("DECIMATE", "merges faces"),
+        ("NODES", "replaces all faces"),
+        ("CLOTH", "is a simulation"),
+    ],
+)
+def test_modifiers_that_lose_the_faces_are_named(kind: str, way: str) -> None:
     holder, other = scene.add_suzanne(), scene.add_object(meshes.cube())
     holder.modifiers.new("Innocent", "MIRROR")
     culprit = holder.modifiers.new("The Culprit", kind)
@@ -200,7 +209,7 @@ def test_modifiers_that_lose_the_faces_are_named(kind: str) -> None:
     if kind == "NODES":
         culprit.node_group = scene.node_tree("GeometryNodeConvexHull")
     holder.modifiers.new("Innocent", "TRIANGULATE")
-    refuses("compute", f"{holder.name}: the modifier “The Culprit”", other, holder)
+    refuses("compute", f"{holder.name}: the modifier “The Culprit” {way}", other, holder)
     assert bpy.ops.ccdepth.compute(use_modifiers=False) == {"FINISHED"}
 
 

@@ -176,6 +176,9 @@ REFUSALS: dict[str, Refusal] = {
     "no faces": Refusal(empty, "Empty: the mesh has no faces"),
     "a wire": Refusal(wire, "Wire: the mesh has no faces"),
     "no faces in Edit Mode": Refusal(edited_without_faces, "Suzanne: the mesh has no faces", COMPUTE),
+    "no faces after the modifiers": Refusal(
+        hollow, "Hollow: its modifiers leave no faces of the mesh", ("compute", "subdivide")
+    ),
     "not a number": Refusal(lambda: nowhere(NAN), "Suzanne: 1 vertex at no finite position"),
     "infinite": Refusal(lambda: nowhere(INF), "Suzanne: 1 vertex at no finite position"),
     "a repeated vertex": Refusal(lambda: with_repeated_vertices(0), "Scan: 1 face with a repeated vertex"),

@@ -163,6 +163,12 @@ def test_objects_are_told_by_names_that_are_much_alike_or_could_end_a_line(tmp_p
     assert run("--verify", report) == 0
 
 
+def test_names_that_a_format_makes_alike_are_named(tmp_path: Path, capfd: Capture) -> None:
+    source = save_cubes(tmp_path / "cubes.blend", "Other", "Cube 1", "Cube_1")
+    told = said(capfd, source, "--subdivide", *LINE, "--output", tmp_path / "out.obj")
+    assert "cannot be told by their names, like “Cube 1 Adaptive” and “Cube_1 Adaptive”; rename one of them" in told
+
+
 CASES = [(suffix, source) for suffix in OTHERS for source in ("landscape", "Suzanne")]
 
 

@@ -327,5 +327,7 @@ def test_the_line_under_several_measured_objects_has_the_tolerance_of_the_worst(
         addon.measure(each_object, tolerance=0.5, tolerance_mode="RELATIVE")
     record = large.data.ccdepth
     text = addon.module("command_line.report_text").settings_text([small, large])
-    assert text.startswith(f"Tolerance {record.measurement.world_tolerance:.4g} · Largest deviation proved: ")
+    tolerance = addon.module("ui.lengths").length_text(bpy.context.scene, record.measurement.world_tolerance)
+    assert tolerance.endswith(" m")
+    assert text.startswith(f"Tolerance {tolerance} · Largest deviation proved: ")
     assert record.deviation > small.data.ccdepth.deviation
