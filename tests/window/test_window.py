@@ -292,8 +292,9 @@ def test_the_heat_map_is_there_in_every_mode_and_gone_with_overlays(window: Wind
     for state in ("material", "in front", "edit", "quad", "x-ray", "wireframe"):
         window.ask("state", state)
         # Half of it is enough, as Edit Mode and X-Ray show through; views of Quad View are smaller, and two of the four
-        # are half behind the sidebar.
-        assert colorful(state) > (0.4 if state == "quad" else 0.5) * shown, state
+        # are half behind the sidebar. While Blender compiles shaders, it shows less.
+        least = (0.4 if state == "quad" else 0.5) * shown
+        assert any(colorful(state) > least for _ in range(5)), state
     window.ask("state", "none")
     assert colorful("none") < 0.1 * shown
     assert "Traceback" not in (tmp_path / "blender.log").read_text(errors="replace")
