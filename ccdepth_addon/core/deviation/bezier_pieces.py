@@ -116,13 +116,16 @@ class BezierPieces:
 
     def is_bilinear(self, pieces: IndexArray) -> BoolArray:
         """(n,) bool: whether pieces (n,) are bilinear facets, with middles off the surface by up to the excess."""
-        is_refinement = np.array([isinstance(store, Refinement) for store in self._stores] + [False])
-        return is_refinement[self._store[pieces]]
+        return self._are_stored(pieces, Refinement)
 
     def has_net(self, pieces: IndexArray) -> BoolArray:
         """(n,) bool: whether pieces (n,) have an extraordinary vertex at their first corner alone."""
-        has_net = np.array([isinstance(store, Nets) for store in self._stores] + [False])
-        return has_net[self._store[pieces]]
+        return self._are_stored(pieces, Nets)
+
+    def _are_stored(self, pieces: IndexArray, kind: type) -> BoolArray:
+        """(n,) bool: whether the points of pieces (n,) are in a store of this kind."""
+        found = np.array([isinstance(store, kind) for store in self._stores] + [False])
+        return found[self._store[pieces]]
 
     def units_at(self, vertices: IndexArray) -> tuple[IndexArray, IndexArray]:
         """(K,) intp twice: the indices of vertices (n,), and the units around each."""
