@@ -83,8 +83,6 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
 
     def report_made(self, made: list[NewMesh], notes: list[str], objects: list[bpy.types.Object]) -> None:
         """Report the meshes made for these objects."""
-        for note in notes:
-            self.report({"WARNING"}, printable(note))
         faces = count_text(sum(len(each.depths) for each in made), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
         # A result cleared before it was made anew has no record.
@@ -96,6 +94,9 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         if self.reduce:
             text += f"; without Reduce {sum(triangle_count(each.answer) for each in made):,} triangles"
         self.report({"INFO"}, text)
+        # Blender's status bar shows the last report alone.
+        for note in notes:
+            self.report({"WARNING"}, printable(note))
 
 
 def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:

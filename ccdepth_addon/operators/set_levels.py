@@ -38,10 +38,11 @@ class CCDEPTH_OT_set_levels(QuickOperator):
         refuse(objects, lambda obj: _levels_fault(obj, obj in stale, settings))
         for blender_object in objects:
             _set_levels(blender_object)
-        if note := simplify_note(context.scene, max(each.data.ccdepth.uniform_level for each in objects)):
-            self.report({"WARNING"}, note)
         levels = ", ".join(sorted({str(obj.data.ccdepth.uniform_level) for obj in objects}))
         self.report({"INFO"}, f"{count_text(len(objects), 'object', 'objects')}, level {levels}")
+        # Blender's status bar shows the last report alone.
+        if note := simplify_note(context.scene, max(each.data.ccdepth.uniform_level for each in objects)):
+            self.report({"WARNING"}, note)
         return {"FINISHED"}
 
 
