@@ -74,9 +74,9 @@ def content(result: bpy.types.Object) -> snapshot.Snapshot:
     return {path: value for path, value in found.items() if path[0] not in ("materials", "record", "settings")}
 
 
-def expected(*, keys: bool = False, modifiers: tuple[str, ...] = ()) -> snapshot.Snapshot:
+def expected(*, keys: bool) -> snapshot.Snapshot:
     """Of the result of a cube of this file's own."""
-    [result] = subdivide(filled_cube("Own", keys, modifiers))
+    [result] = subdivide(filled_cube("Own", keys, ()))
     return content(result)
 
 
@@ -121,14 +121,18 @@ def test_a_result_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: str, out
 def test_modifiers_of_libraries_are_counted_in_and_taken_off(
     tmp_path: Path, kind: str, modifiers: tuple[str, ...]
 ) -> None:
-    wanted = expected(modifiers=modifiers)
+    """Blender's Bevel merges UVs in an order that depends on memory addresses, so their last bit varies."""
     holder = linked(tmp_path, kind, modifiers=modifiers)
     count_faces(holder)
     [result] = subdivide(holder)
     assert not result.modifiers
     assert len(holder.modifiers) == len(modifiers)
-    assert snapshot.differences(content(result), wanted) == []
     assert result.data.override_library is None
+    [own] = subdivide(filled_cube("Own", keys=False, modifiers=modifiers))
+    varying = {("attribute", "UVMap")} if "BEVEL" in modifiers else set()
+    assert snapshot.differences(content(result), content(own), but=varying.__contains__) == []
+    uvs, wanted = (scene.values_of(each.data.uv_layers["UVMap"].data, "uv", np.float32, 2) for each in (result, own))
+    np.testing.assert_allclose(uvs, wanted, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize(
