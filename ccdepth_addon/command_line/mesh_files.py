@@ -276,25 +276,16 @@ def _place(copy: bpy.types.Object, matrix: Matrix) -> None:
 
 
 def read_back(path: Path, names: Sequence[str]) -> list[bpy.types.Object]:
-    """The mesh objects of a file, in place of the open file; from a .blend file the objects of given names, in this
-    order. The file's unit becomes the scene's."""
-    call(bpy.ops.wm.read_homefile, use_empty=True)
-    bpy.context.scene.unit_settings.scale_length = 1.0
+    """The mesh objects of a file, opened in place of the open file; of a .blend file the objects of given names, in
+    this order, as its scene shows them."""
     if path.suffix.lower() == BLEND:
-        found = _appended(path, names)
-    else:
-        _import(path)
-        found = [each for each in bpy.data.objects if each.type == "MESH"]
-    bpy.context.view_layer.update()
-    return found
-
-
-def _appended(path: Path, names: Sequence[str]) -> list[bpy.types.Object]:
-    with bpy.data.libraries.load(str(path), link=False) as (there, wanted):
-        missing = [name for name in names if name not in there.objects]
+        load(path, None)
+        missing = [name for name in names if (name, None) not in bpy.data.objects]
         if missing:
             raise CommandError(f"there is no object “{missing[0]}” in it")
-        wanted.objects = list(names)
-    for each in wanted.objects:
-        bpy.context.scene.collection.objects.link(each)
-    return list(wanted.objects)
+        return [bpy.data.objects[name, None] for name in names]
+    call(bpy.ops.wm.read_homefile, use_empty=True)
+    bpy.context.scene.unit_settings.scale_length = 1.0
+    _import(path)
+    bpy.context.view_layer.update()
+    return [each for each in bpy.data.objects if each.type == "MESH"]

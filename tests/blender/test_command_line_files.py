@@ -287,6 +287,19 @@ def test_measuring_says_whether_the_tolerance_is_met(tmp_path: Path, capfd: Capt
     assert run("--verify", tmp_path / "report.json") == 1
 
 
+def test_a_blend_file_is_measured_as_its_scene_shows_it(tmp_path: Path, capfd: Capture) -> None:
+    path = save_cubes(tmp_path / "cube.blend", "Cube")
+    bpy.context.scene.render.use_simplify = True
+    bpy.context.scene.render.simplify_subdivision = 0
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    for suffix in (".blend", ".ply"):
+        output = tmp_path / f"out{suffix}"
+        out = printed(capfd, path, "--levels", "--measure", *LIMIT, "--output", output, status=1)
+        assert "Simplify shows at most 0 levels in the viewport" in out
+        assert "not within the tolerance" in out
+        assert output.exists()
+
+
 @pytest.mark.parametrize("option", ["--output", "--json", "--csv", "--html", "--picture"])
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "link to a device"])
 def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path, capfd: Capture, option: str, kind: str) -> None:
