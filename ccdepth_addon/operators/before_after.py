@@ -7,7 +7,7 @@ import bpy
 
 from ..state import out_of_date, result_record
 from ..tasks.surfaces import ComputeError
-from .scene_objects import can_be_shown, hide, in_local_view, link_beside, show_in_local_view
+from .scene_objects import can_be_shown, hide, in_local_view, link_beside, show, show_in_local_view
 from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
 
 # Objects to be hidden, each with the objects to be shown in its place.
@@ -73,7 +73,7 @@ def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
 def _swap(context: bpy.types.Context, swapped: Swapped, shown: list[bpy.types.Object]) -> None:
     """Hide some objects, from the render as well, and show and select others. Raises ComputeError, with nothing
     changed, when one of these cannot be shown."""
-    layer, hidden, unrendered = context.view_layer, list(swapped), _unrendered(swapped)
+    layer, hidden = context.view_layer, list(swapped)
     for each in shown:
         if not each.users_scene and each.library is None:
             # The object was deleted, and is in the file only because its result needs it.
@@ -81,20 +81,13 @@ def _swap(context: bpy.types.Context, swapped: Swapped, shown: list[bpy.types.Ob
     layer.update()
     refuse(shown, lambda each: _showing_fault(context, each))
     for each in shown:
-        each.hide_set(False)
-        each.hide_render = each in unrendered
+        show(each)
         show_in_local_view(context, each)
     for each in shown:
         each.select_set(True)
     for each in hidden:
         if each not in shown:
             hide(each)
-
-
-def _unrendered(swapped: Swapped) -> set[bpy.types.Object]:
-    """The objects to be shown, but not in the render: neither they nor the objects in their place are rendered."""
-    rendered = {other for each, others in swapped.items() if not each.hide_render for other in others}
-    return {other for others in swapped.values() for other in others if other.hide_render} - rendered
 
 
 def _showing_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> str | None:

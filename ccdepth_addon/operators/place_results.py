@@ -23,7 +23,7 @@ from ..exchange.modifiers import applied_modifiers, base_modifiers, left_out_scu
 from ..state import mesh_values, out_of_date, result_record
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
-from .scene_objects import hide, link_beside, show_in_local_view
+from .scene_objects import hide, link_beside, show, show_in_local_view
 from .selected_meshes import CHANGED, still_there
 
 # Faces written in one go: few enough to keep the window responsive.
@@ -197,16 +197,11 @@ def _place_beside(
     copy.select_set(original.select_get())
     if context.view_layer.objects.active == original:
         context.view_layer.objects.active = copy
-    undo.callback(_show_again, original, selected=original.select_get(), render_hidden=original.hide_render)
+    undo.callback(setattr, original, "hide_render", original.hide_render)
+    undo.callback(original.select_set, original.select_get())
+    undo.callback(show, original)
     hide(original)
     return copy
-
-
-def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bool) -> None:
-    """Show the objects with new results again."""
-    original.hide_render = render_hidden
-    original.hide_set(False)
-    original.select_set(selected)
 
 
 def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: dict[str, Any]) -> list[str]:

@@ -89,4 +89,12 @@ def hide(blender_object: bpy.types.Object) -> None:
     """Deselect an object, and hide it, from the render as well."""
     blender_object.select_set(False)
     blender_object.hide_set(True)
-    blender_object.hide_render = True
+    if not blender_object.hide_render:
+        blender_object.hide_render = blender_object.ccdepth.left_render = True
+
+
+def show(blender_object: bpy.types.Object) -> None:
+    """Show an object, and in the render if ``hide`` has hidden it from there."""
+    blender_object.hide_set(False)
+    if blender_object.ccdepth.left_render:
+        blender_object.hide_render = blender_object.ccdepth.left_render = False

@@ -35,7 +35,8 @@ class SourceMaterial(bpy.types.PropertyGroup):
 class ResultRecord(
     properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties, bpy.types.PropertyGroup
 ):
-    """The source and the settings of a result; and of any object, the object it was measured against."""
+    """The source and the settings of a result; and of any object, the object it was measured against, and whether it
+    was taken out of the render."""
 
     source: PointerProperty(type=bpy.types.Object, description="The source: the object that the result was made from")
     source_name: StringProperty(description="The name of the source; empty on objects that are no results")
@@ -47,6 +48,7 @@ class ResultRecord(
         description="Make the result anew, with its own settings, whenever an edited source leaves Edit Mode. "
         "Other work interrupts the run, and Esc stops the run",
     )
+    left_render: BoolProperty(description="Whether the object was taken out of the render as it was hidden")
     tolerance: FloatProperty(description="The tolerance as it was given")
     applied: CollectionProperty(type=AppliedModifier)
     # Not on the mesh: Blender 5.0 leaves pointers of meshes to objects that are gone, and crashes.

@@ -352,12 +352,22 @@ def test_source_and_result_are_swapped_and_swapped_back() -> None:
 
 
 def test_what_is_not_rendered_stays_so() -> None:
+    """Also where other results of the source are rendered, and where objects were shown by hand in between."""
     source = scene.add_object(meshes.cube(), "Cage")
     source.hide_render = True
     [result] = subdivide(source)
+    bpy.ops.object.duplicate()
+    other = bpy.context.view_layer.objects.active
+    other.hide_render = False
+    addon.select(result, other)
     for _ in range(2):
         assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
-        assert (source.hide_render, result.hide_render) == (True, True)
+        assert [each.hide_render for each in (source, result, other)] == [True, True, True]
+        other.hide_set(False)
+        addon.finish("before_after", other)
+        assert [each.hide_render for each in (source, result, other)] == [True, True, True]
+        addon.finish("before_after", source)
+        assert [each.hide_render for each in (source, result, other)] == [True, True, False]
 
 
 def test_local_view_shows_the_source_as_well() -> None:
