@@ -201,9 +201,11 @@ def test_groups_and_materials_limit_modifiers_in_edit_mode_as_well(limit: Callab
     ],
 )
 def test_modifiers_that_lose_the_faces_are_named(kind: str, way: str) -> None:
+    """Also where a driver shows them."""
     holder, other = scene.add_suzanne(), scene.add_object(meshes.cube())
     holder.modifiers.new("Innocent", "MIRROR")
     culprit = holder.modifiers.new("The Culprit", kind)
+    culprit.driver_add("show_viewport").driver.expression = "True"
     if kind == "DECIMATE":
         culprit.ratio = 0.5
     if kind == "NODES":
