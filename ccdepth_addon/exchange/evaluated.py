@@ -109,8 +109,6 @@ class Evaluated:
             with own_mesh(blender_object) as own:
                 mesh = own_copy(own)
             self._meshes[uid] = mesh, ""
-            if mesh.shape_keys is not None:
-                mesh.shape_keys.animation_data_clear()
             self._meshes[uid] = mesh, _write_origins(blender_object, mesh)
         return self._meshes[uid]
 
