@@ -12,11 +12,11 @@ import bpy
 from .. import version
 from ..state.colors import depth_colors
 from ..state.properties import VERTEX_TEXTS
-from ..ui.lengths import Rounding
+from ..ui.lengths import DIGITS, Rounding
 from ..ui.printable import printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .report import YES_OR_NO, FileEntry, FileStamp, ObjectEntry, Report, ReportPictures
-from .report_text import losses, metres_text
+from .report_text import enough_digits_in_metres, losses, metres_text
 from .whole_files import PNG_SIGNATURE
 
 ACTION_TEXTS = {
@@ -210,22 +210,23 @@ def _facts(entry: ObjectEntry) -> dict[str, str]:
         "Faces at that level" if entry.result is None else "Faces made": entry.result_faces,
         "Triangles written": entry.triangles,
     }
-    facts = {"Tolerance": _length(entry.tolerance), "Faces": f"{entry.faces:,}"}
+    proved = {"Proved distance, at most": entry.proved, "Measured, at most": entry.measured and entry.measured.proved}
+    bounds = {name: bound for name, bound in proved.items() if bound is not None}
+    digits = enough_digits_in_metres(entry.tolerance, *bounds.values())
+    facts = {"Tolerance": _length(entry.tolerance, digits=digits), "Faces": f"{entry.faces:,}"}
     if entry.vertices is not None:
         facts["Vertices"] = VERTEX_TEXTS[entry.vertices][0]
     facts |= {name: f"{number:,}" for name, number in numbers.items() if number is not None}
-    if entry.proved is not None:
-        facts["Proved distance, at most"] = _length(entry.proved, Rounding.UP)
+    facts |= {name: _length(bound, Rounding.UP, digits) for name, bound in bounds.items()}
     if entry.measured is not None:
-        facts["Measured, at most"] = _length(entry.measured.proved, Rounding.UP)
         facts["Measured, at least"] = _length(entry.measured.reached, Rounding.DOWN)
     told = {"Closed": entry.closed, "Oriented": entry.oriented}
     return facts | {name: YES_OR_NO[is_so] for name, is_so in told.items() if is_so is not None}
 
 
-def _length(length: float, rounding: Rounding = Rounding.NEAREST) -> str:
+def _length(length: float, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS) -> str:
     """A length in the unit that suits it, and in full in metres."""
-    return f"{_text(metres_text(length, rounding))}<small>{_text(repr(length))} m</small>"
+    return f"{_text(metres_text(length, rounding, digits))}<small>{_text(repr(length))} m</small>"
 
 
 def _figures(entry: ObjectEntry, pictures: ReportPictures) -> str:

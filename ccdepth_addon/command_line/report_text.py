@@ -12,7 +12,7 @@ from ..state import mesh_values
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
-from ..ui.lengths import METRIC, Rounding, bound_text, length_text, looks_too_long, number_text
+from ..ui.lengths import DIGITS, METRIC, Rounding, bound_texts, enough_digits, length_text, number_text
 from ..ui.printable import printable
 from .report import FileEntry
 
@@ -47,10 +47,11 @@ def print_measured(entry: FileEntry) -> None:
     """Print the distances of meshes from their limit surfaces."""
     for each in entry.objects:
         if each.measured is not None:
-            most = bound_metres_text(each.measured.proved, each.tolerance)
+            digits = enough_digits_in_metres(each.tolerance, each.measured.proved)
+            most = metres_text(each.measured.proved, Rounding.UP, digits)
             least = metres_text(each.measured.reached, Rounding.DOWN)
             verdict = verdict_of(each.measured.proved, each.measured.reached, each.tolerance)
-            text = deviation_text(most, least, metres_text(each.tolerance), verdict)
+            text = deviation_text(most, least, metres_text(each.tolerance, digits=digits), verdict)
             print(f"{printable(each.result or each.name)}: {text}")
 
 
@@ -59,24 +60,17 @@ def _length_text(length: float) -> str:
     return length_text(bpy.context.scene, length)
 
 
-def _proved_text(length: float, tolerance: float) -> str:
-    """A proved length of the scene, rounded up, with its unit."""
-    return bound_text(bpy.context.scene, length, tolerance)
+def enough_digits_in_metres(tolerance: float, *bounds: float) -> int:
+    """The digits for a tolerance and bounds beside each other, in metres."""
+    found = (enough_digits(Decimal(str(each)), Decimal(str(tolerance))) for each in bounds)
+    return max(found, default=DIGITS)
 
 
-def bound_metres_text(bound: float, tolerance: float) -> str:
-    """A proved distance in metres, rounded up; a distance within the tolerance is never written as more than the
-    tolerance."""
-    if looks_too_long(Decimal(bound), Decimal(tolerance)):
-        return metres_text(tolerance)
-    return metres_text(bound, Rounding.UP)
-
-
-def metres_text(length: float, rounding: Rounding = Rounding.NEAREST) -> str:
+def metres_text(length: float, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS) -> str:
     """A length in metres, in the unit that suits it."""
     *others, smallest = METRIC.values()
     unit = next((unit for unit in others if length >= unit.length), smallest)
-    return f"{number_text(Decimal(length) / unit.length, rounding)} {unit.name}"
+    return f"{number_text(Decimal(str(length)) / unit.length, rounding, digits)} {unit.name}"
 
 
 def settings_text(objects: Sequence[bpy.types.Object]) -> str:
@@ -84,8 +78,10 @@ def settings_text(objects: Sequence[bpy.types.Object]) -> str:
     record = objects[0].data.ccdepth
     if mesh_values.is_deviation_last(objects[0].data):
         records = [obj.data.ccdepth for obj in objects]
-        deviation, length = max((each.deviation, each.measurement.world_tolerance) for each in records)
-        return f"Tolerance {_length_text(length)} · Largest deviation proved: {_proved_text(deviation, length)}"
+        proved, tolerance = bound_texts(
+            bpy.context.scene, *max((each.deviation, each.measurement.world_tolerance) for each in records)
+        )
+        return f"Tolerance {tolerance} · Largest deviation proved: {proved}"
     tolerance = _length_text(record.tolerance)
     if record.tolerance_mode == "RELATIVE":
         tolerance = f"{record.tolerance:.4g} of the diagonal"
@@ -94,7 +90,7 @@ def settings_text(objects: Sequence[bpy.types.Object]) -> str:
             tolerance += f" ({_length_text(record.world_tolerance)})"
     if record.subdivision:
         records = [obj.data.ccdepth for obj in objects]
-        proved = _proved_text(*max((each.largest_bound, each.world_tolerance) for each in records))
+        proved, _ = bound_texts(bpy.context.scene, *max((each.largest_bound, each.world_tolerance) for each in records))
         faces = sum(mesh.ccdepth.faces for mesh in {obj.data for obj in objects})
         return f"Tolerance {tolerance} · {faces:,} faces · Largest distance proved: {proved}"
     return f"Tolerance {tolerance} · {METHOD_TEXTS[record.method][0]} · Vertices: {VERTEX_TEXTS[record.vertices][0]}"

@@ -13,7 +13,7 @@ from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
 from ..tasks.surfaces import ComputeError
-from ..ui.lengths import bound_text
+from ..ui.lengths import bound_texts
 from ..ui.printable import printable
 from . import edit_mode
 from .job import Steps, Work
@@ -90,7 +90,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         text = f"{objects_text}{faces}"
         if proved:
             largest, tolerance = max((record.largest_bound, record.world_tolerance) for record in proved)
-            text += f", largest distance {bound_text(bpy.context.scene, largest, tolerance)}"
+            text += f", largest distance {bound_texts(bpy.context.scene, largest, tolerance)[0]}"
         if self.reduce:
             text += f"; without Reduce {sum(triangle_count(each.answer) for each in made):,} triangles"
         self.report({"INFO"}, text)

@@ -14,7 +14,7 @@ from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, naming
 from ..ui.facts import deviation_text
-from ..ui.lengths import Rounding, bound_text, common_unit, length_text
+from ..ui.lengths import Rounding, bound_texts, common_unit, length_text
 from ..ui.printable import printable
 from .job import Steps, Work
 from .long_operator import LongOperator
@@ -93,7 +93,6 @@ def _still_there(answer: MeshDeviation) -> bpy.types.Object:
 def _text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:
     """The report of a measurement."""
     unit = common_unit(scene, (answer.proved, answer.reached, answer.tolerance))
-    most = bound_text(scene, answer.proved, answer.tolerance, unit)
+    most, tolerance = bound_texts(scene, answer.proved, answer.tolerance, unit)
     least = length_text(scene, answer.reached, Rounding.DOWN, unit=unit)
-    tolerance = length_text(scene, answer.tolerance, unit=unit)
     return deviation_text(most, least, tolerance, answer.verdict)

@@ -11,7 +11,7 @@ import bpy
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..state.still_holds import is_own, measured_object, target_of
 from ..tasks.deviation_task import Verdict
-from .lengths import Rounding, bound_text, common_unit, length_text
+from .lengths import Rounding, bound_texts, common_unit, length_text
 from .selected_objects import lengths_text
 
 # Larger counts of faces are written as powers of ten.
@@ -89,7 +89,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
     unit = common_unit(scene, (record.world_tolerance, record.largest_bound))
     before = f"{record.unreduced_triangles:,} triangles"
     unreduced = [Fact("Without Reduce", before, "How many triangles there were before Reduce")]
-    largest = bound_text(scene, record.largest_bound, record.world_tolerance, unit)
+    largest, tolerance = bound_texts(scene, record.largest_bound, record.world_tolerance, unit)
     proved = "The proved largest distance between the mesh and the limit surface, both ways"
     return [
         *(unreduced if record.unreduced_triangles else []),
@@ -99,7 +99,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
             str(record.deepest),
             "How many times the most divided part of a face was halved each way",
         ),
-        Fact("Tolerance", length_text(scene, record.world_tolerance, unit=unit), ALLOWED),
+        Fact("Tolerance", tolerance, ALLOWED),
         Fact("Largest Distance", largest, proved),
         Fact(
             f"Faces at Depth {record.deepest}",
@@ -127,7 +127,7 @@ def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> li
     record, target = holder.data.ccdepth, target_of(holder)
     found = record.measurement
     unit = common_unit(scene, (record.deviation, record.deviation_reached, found.world_tolerance))
-    most = bound_text(scene, record.deviation, found.world_tolerance, unit)
+    most, tolerance = bound_texts(scene, record.deviation, found.world_tolerance, unit)
     least = length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)
     own = is_own(holder.data)
     against = "Its own limit surface" if own else found.against if target is None else target.name
@@ -137,7 +137,7 @@ def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> li
         Fact("Against", against, "The object with the limit surface"),
         Fact("At Most", most, "The proved largest distance, both ways"),
         Fact("At Least", least, reached),
-        Fact("Tolerance", length_text(scene, found.world_tolerance, unit=unit), ALLOWED),
+        Fact("Tolerance", tolerance, ALLOWED),
     ]
 
 

@@ -97,22 +97,27 @@ def length_text(
     return f"{number} {chosen.name}" if chosen.name else number
 
 
-def bound_text(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Unit | None = None) -> str:
-    """A proved distance, rounded up; a distance within the tolerance is never written as more than the tolerance."""
+def bound_texts(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Unit | None = None) -> tuple[str, str]:
+    """A proved distance, rounded up, and the tolerance; a distance within the tolerance is never written as more than
+    the tolerance."""
     compared = unit or unit_for(scene, tolerance)
-    if looks_too_long(in_unit(scene, bound, compared), in_unit(scene, tolerance, compared)):
-        return length_text(scene, tolerance, unit=unit)
-    return length_text(scene, bound, Rounding.UP, unit=unit)
+    digits = enough_digits(in_unit(scene, bound, compared), in_unit(scene, tolerance, compared))
+    return length_text(scene, bound, Rounding.UP, digits, unit), length_text(scene, tolerance, digits=digits, unit=unit)
 
 
-def looks_too_long(bound: Decimal, tolerance: Decimal) -> bool:
-    """Whether a bound within the tolerance becomes more than the tolerance when both are written."""
-    return bound <= tolerance and Decimal(number_text(bound, Rounding.UP)) > Decimal(number_text(tolerance))
+def enough_digits(bound: Decimal, tolerance: Decimal) -> int:
+    """The significant digits with which a bound within the tolerance, rounded up, is not more than the tolerance."""
+    digits = DIGITS
+    while bound <= tolerance and Decimal(number_text(bound, Rounding.UP, digits)) > Decimal(
+        number_text(tolerance, digits=digits)
+    ):
+        digits += 1
+    return digits
 
 
 def in_unit(scene: bpy.types.Scene, length: float, unit: Unit) -> Decimal:
     """A length of the scene as a multiple of the unit."""
-    return Decimal(length) if unit == PLAIN else _metres(scene, length) / unit.length
+    return Decimal(str(length)) if unit == PLAIN else _metres(scene, length) / unit.length
 
 
 def number_text(number: Decimal, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS) -> str:
@@ -128,4 +133,4 @@ def number_text(number: Decimal, rounding: Rounding = Rounding.NEAREST, digits: 
 
 def _metres(scene: bpy.types.Scene, length: float) -> Decimal:
     # Blender keeps the scale in single precision.
-    return Decimal(length) * Decimal(str(shortest_decimal(scene.unit_settings.scale_length)))
+    return Decimal(str(length)) * Decimal(str(shortest_decimal(scene.unit_settings.scale_length)))

@@ -296,15 +296,16 @@ def test_a_bound_stays_one_and_is_written_within_the_tolerance_that_it_is_within
         assert lengths.length_text(bpy.context.scene, length, lengths.Rounding.UP) == up
         assert lengths.length_text(bpy.context.scene, length, lengths.Rounding.DOWN) == down
     set_units("METRIC")
-    for bound, tolerance, text in (
-        # Rounded up it would seem to exceed the tolerance, which is rounded to the nearest.
-        (377.52e-6, 377.53e-6, "377.5 µm"),
-        (377.31e-6, 377.53e-6, "377.4 µm"),
-        (377.54e-6, 377.53e-6, "377.6 µm"),
-        (1.00004, 1.0, "1.001 m"),
+    for bound, tolerance, texts in (
+        # Rounded up to four digits it would seem to exceed the tolerance, which is rounded to the nearest.
+        (377.52e-6, 377.53e-6, ("377.52 µm", "377.53 µm")),
+        (377.31e-6, 377.53e-6, ("377.4 µm", "377.5 µm")),
+        (377.54e-6, 377.53e-6, ("377.6 µm", "377.5 µm")),
+        (1.00004, 1.0, ("1.001 m", "1 m")),
+        (1.1, 1.1, ("1.1 m", "1.1 m")),
     ):
         for unit in (None, lengths.common_unit(bpy.context.scene, (bound, tolerance))):
-            assert lengths.bound_text(bpy.context.scene, bound, tolerance, unit) == text
+            assert lengths.bound_texts(bpy.context.scene, bound, tolerance, unit) == texts
 
 
 def test_neighbours_share_a_unit_that_serves_them_all() -> None:

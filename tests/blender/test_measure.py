@@ -362,9 +362,13 @@ def test_framing_shows_the_front_of_the_face(editing: bool, scale: tuple[float, 
 
 
 def test_a_distance_within_the_tolerance_is_not_reported_as_more() -> None:
-    """Rounded up it would be 3.465 mm, and the tolerance is written as 3.464 mm."""
+    """Rounded up to four digits it would be 3.465 mm, and the tolerance 3.464 mm."""
     met = addon.module("tasks.deviation_task").Verdict.MET
     answer = SimpleNamespace(proved=0.00346409, reached=0.001, tolerance=0.0034641, verdict=met)
     text = addon.module("operators.measure_deviation")._text(bpy.context.scene, answer)
-    assert text == "Deviation at most 0.003464 m, at least 0.001 m: within the tolerance of 0.003464 m"
-    assert addon.module("command_line.report_text").bound_metres_text(answer.proved, answer.tolerance) == "3.464 mm"
+    assert text == "Deviation at most 0.0034641 m, at least 0.001 m: within the tolerance of 0.0034641 m"
+    report = addon.module("command_line.report")
+    entry = report.ObjectEntry("Cube", {}, 0.0034641, 6, proved=0.00346409)
+    told = addon.module("command_line.report_page")._facts(entry)
+    assert told["Tolerance"].startswith("3.4641 mm<")
+    assert told["Proved distance, at most"].startswith("3.4641 mm<")
