@@ -210,7 +210,8 @@ def _facts(entry: ObjectEntry) -> dict[str, str]:
         "Faces at that level" if entry.result is None else "Faces made": entry.result_faces,
         "Triangles written": entry.triangles,
     }
-    proved = {"Proved distance, at most": entry.proved, "Measured, at most": entry.measured and entry.measured.proved}
+    measured = entry.measured.proved if entry.measured else None
+    proved = {"Proved distance, at most": entry.proved, "Measured, at most": measured}
     bounds = {name: bound for name, bound in proved.items() if bound is not None}
     digits = enough_digits_in_metres(entry.tolerance, *bounds.values())
     facts = {"Tolerance": _length(entry.tolerance, digits=digits), "Faces": f"{entry.faces:,}"}
