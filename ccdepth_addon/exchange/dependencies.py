@@ -8,6 +8,7 @@ Blender's last evaluation.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -19,7 +20,7 @@ import numpy as np
 
 from ..core import FloatArray
 from .control_mesh import gram_matrix
-from .mesh_arrays import CREASE_DOMAINS, checksum_of_points, geometry_checksum
+from .mesh_arrays import CREASE_DOMAINS, checksum_of_points, content_checksum, geometry_checksum, own_mesh
 from .modifiers import (
     NOT_SHAPING,
     OF_OBJECT,
@@ -29,6 +30,7 @@ from .modifiers import (
     simplified_levels,
     surface_rule,
 )
+from .vertex_groups import read_weights
 
 # Places of other objects are rounded: objects that are turned together keep them but for rounding.
 DECIMALS = 5
@@ -39,6 +41,10 @@ DEEPEST = 5
 # Modifiers that depend on the frame even without animated settings.
 AT_FRAMES = {"BUILD", "DYNAMIC_PAINT", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "PARTICLE_INSTANCE", "WAVE"}
 NODES_AT_FRAMES = {"GeometryNodeBake", "GeometryNodeInputSceneTime", "GeometryNodeSimulationOutput"}
+
+# Parts of the descriptions of modifiers that depend on weights, and on other attributes of the mesh.
+READS_WEIGHTS = re.compile(r"""(vertex_group\w*|attribute_name)=("|'[^'])|type='ARMATURE'|InputNamedAttribute""")
+READS_ATTRIBUTES = re.compile(r"""(uv_layer|attribute_name)=("|'[^'])|limit_method='WEIGHT'|InputNamedAttribute""")
 
 # Modifiers whose levels Simplify limits.
 SIMPLIFIED = {"MULTIRES", "SUBSURF"}
@@ -171,9 +177,20 @@ class _Describer:
             yield f"{shown} {self._once(keys, _shape_keys_text)}"
 
     def modifiers(self, modifiers: list[bpy.types.Modifier]) -> Iterator[str]:
-        for modifier in modifiers:
-            if modifier.type not in NOT_SHAPING:
-                yield self._modifier(modifier)
+        texts = [self._modifier(modifier) for modifier in modifiers if modifier.type not in NOT_SHAPING]
+        yield from texts
+        text = " ".join(texts) if self.viewer.type == "MESH" else ""
+        if READS_WEIGHTS.search(text):
+            yield self._once(self.viewer.data, self._weights)
+        if READS_ATTRIBUTES.search(text):
+            with own_mesh(self.viewer) as mesh:
+                yield str(content_checksum(mesh))
+
+    def _weights(self, _: bpy.types.Mesh) -> str:
+        """The vertex groups of the viewer's mesh; Blender reads weights one by one."""
+        with own_mesh(self.viewer) as mesh:
+            weights = [crc32(column.tobytes()) for column in read_weights(mesh)]
+        return f"{self.viewer.vertex_groups.keys()} {weights}"
 
     def crease_groups(self) -> Iterator[str]:
         """The vertex groups that the Subdivision Surface modifier takes for creases, mostly none."""

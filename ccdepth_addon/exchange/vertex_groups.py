@@ -48,7 +48,7 @@ def write_groups(
     mesh = holder.data
     taken = {*(name for name, _ in groups), *(attribute.name for attribute in mesh.attributes)}
     temporary = unused_name(WEIGHTS, taken)
-    members, numbers, weights = _read_weights(base)
+    members, numbers, weights = read_weights(base)
     for number, (name, lock) in enumerate(groups):
         chosen = numbers == number
         values = np.zeros((len(base.vertices), 2))
@@ -60,7 +60,7 @@ def write_groups(
         holder.vertex_groups[-1].lock_weight = lock
 
 
-def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+def read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
     """The vertex, the group and the value of every weight of a mesh."""
     rows = [(vertex.index, entry.group, entry.weight) for vertex in base.vertices for entry in vertex.groups]
     table = np.array(rows, dtype=np.float64).reshape(-1, 3)

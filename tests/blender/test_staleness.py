@@ -306,6 +306,32 @@ def keyed(holder: bpy.types.Object, value: float = 0.0) -> bpy.types.ShapeKey:
     return key
 
 
+def weigh(holder: bpy.types.Object, group: str) -> None:
+    """Change weights as painting does."""
+    holder.vertex_groups[group].add(range(3), 0.25, "REPLACE")
+    holder.data.update()
+
+
+def moved_by_an_attribute(holder: bpy.types.Object) -> bpy.types.Object:
+    fill(holder, "Offset", 0.0, ("FLOAT", "POINT"))
+    tree = scene.node_tree("GeometryNodeSetPosition")
+    named = tree.nodes.new("GeometryNodeInputNamedAttribute")
+    named.inputs["Name"].default_value = "Offset"
+    tree.links.new(named.outputs["Attribute"], tree.nodes["Set Position"].inputs["Offset"])
+    return modified(holder, "NODES", node_group=tree).id_data
+
+
+def scaled_by_an_attribute(holder: bpy.types.Object) -> bpy.types.Object:
+    fill(holder, "Offset", 1.0, ("FLOAT", "POINT"))
+    nodes = scaled_by_nodes(holder)
+    if hasattr(nodes, "properties"):
+        scale = nodes.properties.inputs.Socket_2
+        scale.type, scale.attribute_name = "ATTRIBUTE", "Offset"
+    else:
+        nodes["Socket_2_use_attribute"], nodes["Socket_2_attribute_name"] = True, "Offset"
+    return holder
+
+
 def cut(holder: bpy.types.Object, operand_type: str) -> bpy.types.Object:
     """The object that is taken away."""
     cutter = scene.add_object(meshes.cube(), "Cutter")
@@ -395,6 +421,20 @@ SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], objec
         lambda holder: modified(holder, "SUBSURF", subdivision_type="SIMPLE", levels=2),
         lambda _: set_on(bpy.context.scene.render, use_simplify=True, simplify_subdivision=1),
     ),
+    "weights of bones": (lambda holder: posed(holder) and holder, lambda holder: weigh(holder, "Bone")),
+    "weights of a modifier": (
+        lambda holder: modified(holder, "DISPLACE", vertex_group=holder.vertex_groups.new(name="Some").name).id_data,
+        lambda holder: weigh(holder, "Some"),
+    ),
+    "other weights": (
+        lambda holder: modified(holder, "DISPLACE").id_data,
+        lambda holder: weigh(holder, holder.vertex_groups.new(name="Some").name),
+    ),
+    "an attribute that nodes name": (moved_by_an_attribute, lambda holder: fill(holder, "Offset", 0.5)),
+    "an attribute that is an input of nodes": (
+        scaled_by_an_attribute,
+        lambda holder: fill(holder, "Offset", 0.5),
+    ),
     # It is called like something of a node.
     "the height of waves": (lambda holder: modified(holder, "WAVE"), lambda wave: set_on(wave, height=0.125)),
     "nodes": (lambda holder: modified(holder, "NODES"), lambda nodes: set_on(nodes, node_group=scene.node_tree())),
@@ -417,7 +457,7 @@ def test_what_shapes_the_source_is_noticed(shape: str) -> None:
     thing = make(source)
     made = made_of(source)
     change(thing)
-    assert made.lines() == stale(ALL if shape != "where nodes are drawn" else "")
+    assert made.lines() == stale(ALL if shape not in {"where nodes are drawn", "other weights"} else "")
 
 
 def test_edit_mode_is_followed() -> None:
