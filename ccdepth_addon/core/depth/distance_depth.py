@@ -2,8 +2,9 @@
 """Depth by distance between the sets themselves, independent of parameters. docs/distance.md.
 
 Regular faces that touch none but regular and extraordinary ones have bounds for all levels by feet on the surface
-(``foot_bounds``). Where feet do not decide, and for all other faces, the leaves of a level are measured
-(``leaf_deviations``), level by level, until all leaves of a face are within the tolerance.
+(``foot_bounds``). Where feet do not decide, and for all other faces, the leaves of a level are mapped onto their
+triangles (``leaf_maps``) or measured (``leaf_deviations``), level by level, until all leaves of a face are within the
+tolerance.
 """
 
 from __future__ import annotations
@@ -231,8 +232,8 @@ class _SomeFaces:
 def _distances(
     found: LevelLeaves, limit: float, rounded: float, is_proved: BoolArray, *, are_joined: bool
 ) -> FloatArray:
-    """(B,): the largest bound of each face's leaves, both ways: the distance at equal parameters, or if that is beyond
-    the limit the deviation. is_proved: (B,) bool, whether each face has the level as its depth, so that the limit is a
+    """(B,): the largest bound of each face's leaves, both ways: at equal parameters, or if that is beyond the limit by
+    a map, or else the deviation. is_proved: (B,) bool, whether each face has the level as its depth, so that the limit is a
     bound of its leaves, if no feet can have served. are_joined: whether the surface over neighbouring leaves counts as
     well, as feet may not cover it there. rounded: the rounding allowance of a deviation."""
     leaves, mesh = found.leaves, found.leaves.refinement.mesh
@@ -245,9 +246,16 @@ def _distances(
         beside &= off > limit
         off[is_open] = limit
         own = is_open & (found.is_regular | ~np.append(is_proved, False)[found.bases])
+        is_left = own | beside
+        for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):
+            chosen = np.zeros(len(off), dtype=bool)
+            chosen[some] = True
+            bounds = leaves.keep(chosen).mapped(limit, rounded)
+            off[some] = np.where(bounds <= limit, bounds, off[some])
+            is_left[some] = bounds > limit
         # A face with one leaf beyond the limit is beyond it; each leaf around the faces counts by itself.
         groups = np.where(found.is_own, found.bases, len(found.bounds) + np.arange(len(off)))
-        for some in index_chunks(np.flatnonzero(own | beside), MEASURED_AT_ONCE):
+        for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):
             measured = np.zeros(len(off), dtype=bool)
             measured[some] = True
             around = rings_around(mesh, measured, 1)

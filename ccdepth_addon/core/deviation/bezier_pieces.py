@@ -41,6 +41,9 @@ MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
 QUARTER_SIDES = np.array([[1, 0, 0, 1], [1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
 QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HALVES])
 
+# Vertices of larger valence have no matrices, which take time proportional to the valence's cube.
+LARGEST_VALENCE = 1 << 10
+
 
 @dataclass(frozen=True)
 class NewPieces:
@@ -225,7 +228,7 @@ class BezierPieces:
     ) -> IndexArray:
         count, mesh = len(faces), refinement.mesh
         kinds = classify_patches(mesh)
-        regular, extraordinary, others = by_valence(mesh, kinds, count)
+        regular, extraordinary, others = by_valence(mesh, kinds, count, LARGEST_VALENCE)
         coefficients, middles, excess = np.empty((count, 3, 16)), np.empty((count, 3)), np.zeros(count)
         sides = sides.copy()
         stores, rows = np.full(count, NONE), np.full(count, NONE)

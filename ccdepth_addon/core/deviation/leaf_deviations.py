@@ -19,6 +19,7 @@ from ..progress import no_report
 from ..surface.refinement import Refinement
 from .bezier_pieces import BezierPieces
 from .findings import Findings
+from .leaf_maps import mapped_bounds
 from .measure import MARGIN
 from .mesh_to_surface import Facets, MeshToSurface
 from .surface_to_mesh import SurfaceToMesh
@@ -86,6 +87,14 @@ class DrawnLeaves:
         off = self.refinement.limits_at_corners.reshape(-1, 4, 3) - self.points
         found: FloatArray = Facets.of(pieces, np.arange(count)).off + np.sqrt((off * off).sum(axis=2).max(axis=1))
         return found + rounded
+
+    def mapped(self, limit: float, rounded: float) -> FloatArray:
+        """(K,): bounds of the distance between surface and triangles of each leaf, both ways, by a map; infinite
+        without a bound within the limit. rounded: the rounding allowance."""
+        if np.any(self.refinement.mesh.face_sizes != 4):
+            return np.full(len(self.points), np.inf)
+        pieces = BezierPieces(self.refinement, np.arange(len(self.points)), lambda: None)
+        return mapped_bounds(pieces, self.points, self.is_turned, ~self.is_folded, limit - rounded) + rounded
 
     def deviations(
         self, on_surface: BoolArray, drawn: BoolArray, groups: IndexArray, limit: float, rounded: float

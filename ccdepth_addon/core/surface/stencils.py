@@ -80,14 +80,14 @@ def apply_stencils(stencils: FloatArray, nets: FloatArray) -> FloatArray:
 
 
 def by_valence(
-    mesh: PolygonMesh, kinds: PatchKinds, count: int
+    mesh: PolygonMesh, kinds: PatchKinds, count: int, largest: int = LARGEST_STENCIL_VALENCE
 ) -> tuple[IndexArray, list[tuple[int, IndexArray]], IndexArray]:
-    """The regular ones of the first faces; the extraordinary ones, where there are stencils, valence by valence; and
+    """The regular ones of the first faces; the extraordinary ones up to a largest valence, valence by valence; and
     the rest."""
     own = kinds.kinds[:count]
     extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
     valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
-    small = valences <= LARGEST_STENCIL_VALENCE
+    small = valences <= largest
     by_valence = [(n, extraordinary[valences == n]) for n in np.unique(valences[small]).tolist()]
     rest = np.sort(np.concatenate([np.flatnonzero(own == PatchKind.IRREGULAR), extraordinary[~small]]))
     return np.flatnonzero(own == PatchKind.REGULAR), by_valence, rest
