@@ -92,8 +92,8 @@ MAPPED: dict[str, Callable[[int], meshes.MeshData]] = MESHES | {
 
 
 def own_distances(quads: FloatArray, fine: FloatArray, is_turned: bool) -> tuple[float, float]:
-    """The farthest of the surface's points (n, 4, 3) from the triangles of a quad (4, 3), and of these from quads between
-    the points."""
+    """The farthest of the surface's points (n, 4, 3) from the triangles of a quad (4, 3), and of the triangles from
+    quads between the points."""
     triangles = np.roll(quads, -int(is_turned), axis=0)[[[0, 1, 2], [0, 2, 3]]]
     points = fine.reshape(-1, 3)
     there = np.min(
@@ -129,6 +129,12 @@ def test_a_map_bounds_both_ways_between_a_leaf_and_its_own_triangles(name: str, 
             assert np.all((bounds <= limit) | np.isinf(bounds))
             assert np.all(found[:, 0] <= bounds[chosen] + 1e-12)
             assert np.all(found[:, 1] <= bounds[chosen] + FINE * sizes)
+
+
+def test_only_convex_leaves_have_maps() -> None:
+    some = leaves(is_folded=False)
+    some.points[MIDDLE, 0] += 0.6 * (some.points[MIDDLE, 2] - some.points[MIDDLE, 0])
+    assert np.array_equal(np.isinf(some.mapped(1.0, 0.0)), np.arange(9) == MIDDLE)
 
 
 def test_a_map_proves_nearly_what_is_so() -> None:

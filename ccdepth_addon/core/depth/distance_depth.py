@@ -233,9 +233,9 @@ def _distances(
     found: LevelLeaves, limit: float, rounded: float, is_proved: BoolArray, *, are_joined: bool
 ) -> FloatArray:
     """(B,): the largest bound of each face's leaves, both ways: at equal parameters, or if that is beyond the limit by
-    a map, or else the deviation. is_proved: (B,) bool, whether each face has the level as its depth, so that the limit is a
-    bound of its leaves, if no feet can have served. are_joined: whether the surface over neighbouring leaves counts as
-    well, as feet may not cover it there. rounded: the rounding allowance of a deviation."""
+    a map, or else the deviation. is_proved: (B,) bool, whether each face has the level as its depth, so that the limit
+    is a bound of its leaves, if no feet can have served. are_joined: whether the surface over neighbouring leaves
+    counts as well, as feet may not cover it there. rounded: the rounding allowance of a deviation."""
     leaves, mesh = found.leaves, found.leaves.refinement.mesh
     off = np.zeros(len(found.bases))
     off[found.is_own] = leaves.keep(found.is_own).at_equal_parameters(rounded)

@@ -81,10 +81,12 @@ class Roofs:
         places of the convex quads."""
         points = columns(places)
         (one, at_one), (other, at_other) = (to_triangles(points, some[..., leaves]) for some in self.triangles)
-        flat = np.where(one <= other, at_one, at_other).T
+        flat: FloatArray = np.where(one <= other, at_one, at_other).T
         off, folds = flat - self.first[leaves], self.folded(flat, leaves)
         folds = np.where(self.is_valley[leaves], np.maximum(folds, 0.0), np.minimum(folds, 0.0))
-        return flat + (dot_products(off, self.slopes[leaves]) + folds)[:, None] * self.normals[leaves]
+        heights = dot_products(off, self.slopes[leaves]) + folds
+        flat += heights[:, None] * self.normals[leaves]
+        return flat
 
     def folded(self, places: FloatArray, leaves: IndexArray) -> FloatArray:
         """(N,): the heights of the second planes over the first ones, at places (N, 3)."""
@@ -94,8 +96,8 @@ class Roofs:
 @dataclass(frozen=True)
 class Cells:
     """N cells of the surface, of one size. pieces, leaves: (N,) intp, the piece and the leaf of each. corners: (N, 4)
-    intp, the place in the leaf of each corner; images: (N, 4, 3), of the corners. halved: (N,) intp, the number of times
-    that a bicubic patch was halved."""
+    intp, the place in the leaf of each corner; images: (N, 4, 3), of the corners. halved: (N,) intp, the number of
+    times that a bicubic patch was halved."""
 
     pieces: IndexArray
     leaves: IndexArray
@@ -167,7 +169,7 @@ def _quartered(pieces: BezierPieces, roofs: Roofs, cells: Cells) -> Cells:
     images = np.concatenate([start, (start + end) / 2, start[:, :1]], axis=1)
     # Sides between two of the cells are bent; beyond others the image is that of a cell that is not quartered.
     keys = cells.leaves[:, None] * PLACES**2 + corners[:, 4:8]
-    found, where, times = np.unique(keys, return_inverse=True, return_counts=True)
+    _, where, times = np.unique(keys, return_inverse=True, return_counts=True)
     is_bent = np.concatenate([times[where].reshape(count, 4) == 2, np.ones((count, 1), dtype=bool)], axis=1)
     at, point = np.nonzero(is_bent)
     images[at, 4 + point] = roofs.images(points[at, 4 + point], cells.leaves[at])
