@@ -3,13 +3,11 @@
 
 import subprocess
 import sys
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.tuned_constants import CACHES, ENTRIES, WORKLOADS, located
 from ccdepth_addon.core.bounds import sharp_constants
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from proofs import certify_sharp_constants
@@ -20,18 +18,6 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 
 # It does its work when it is imported, as a script that Blender runs.
 SCRIPTS = {"responsiveness"}
-
-
-def test_what_is_switched_off_is_there_and_its_workloads_are() -> None:
-    places = {entry.place for entry in ENTRIES} | {name for cache in CACHES.values() for name in cache}
-    missing = []
-    for place in sorted(places):
-        owner, name = located(place)
-        named = {field.name for field in fields(owner)} if is_dataclass(owner) else set()
-        missing += [place] if name not in vars(owner).keys() | named else []
-    assert places
-    assert not missing
-    assert {workload for entry in ENTRIES for workload in entry.workloads} <= WORKLOADS.keys()
 
 
 def test_programs_find_all_that_they_import() -> None:
