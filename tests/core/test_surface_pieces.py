@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pieces of the surface over the triangles of templates: all of it is there, over the right triangles; and sheets."""
+"""Pieces of the surface over the triangles of templates: all of it is there, over the right triangles."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,6 @@ from ccdepth_addon.core.adaptive.templates import (
     TRIANGLES_OF_TRIANGLE,
 )
 from ccdepth_addon.core.distance.leaf_surfaces import Tiles
-from ccdepth_addon.core.distance.shells import Triangles
 from ccdepth_addon.core.surface.squares import Squares
 
 WHOLE = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
@@ -88,14 +87,3 @@ def test_parts_of_triangles_are_all_of_a_quarter(quarter: int) -> None:
                 is_found |= on & within
                 np.testing.assert_allclose(part.weights.sum(axis=1), 1, atol=1e-14)
         assert np.all(is_found)
-
-
-def test_sheets_that_meet_at_a_vertex_have_vertices_of_their_own() -> None:
-    """Four wings at an edge, which is closed: each has the ends of the edge for itself, and its own normal there."""
-    wings = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 0, 5]])
-    points = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], dtype=float)
-    found = Triangles.of(points[wings], wings)
-    assert np.all(found.is_closed)
-    assert len(np.unique(found.vertices)) == 12
-    np.testing.assert_array_equal(found.origins[found.vertices], wings)
-    np.testing.assert_allclose(found.vectors[:4], np.repeat(found.normals[:4, None], 3, axis=1))
