@@ -41,10 +41,6 @@ def report_of_one(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int | N
     return made
 
 
-def test_the_template_is_valid() -> None:
-    subprocess.run([*OPENJD, "check", str(TEMPLATE)], check=True, timeout=60)
-
-
 @pytest.mark.parametrize("broken", each([None, 1], short=[1]))
 def test_a_job_makes_the_report_of_one_command(
     tmp_path: Path, broken: int | None, report_of_one: Callable[[int | None], bytes]
