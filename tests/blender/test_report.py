@@ -223,19 +223,12 @@ def test_a_file_moved_away_from_the_surface_is_found_out(cube_report: Path, tmp_
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        ("files", [], "it names no files"),
-        ("file objects", [], "names no objects"),
-        ("file met", False, "does not agree"),
         ("file input metres_per_unit", 0.001, "cube.blend is 0.001 m, but it is 1.0 m"),
-        ("object measured", None, "do not agree"),
-        ("object tolerance", 0.06, "the report says tolerance"),
-        ("object settings anything", 1, "not those of a run"),
         ("object settings mode", "GUESSED", "cannot be used"),
         # No numbers, no texts and no names of a report.
         ("action", "guess", "there is no action 'guess'"),
         ("object measured proved", float("nan"), "proved cannot be nan"),
         ("object faces", True, "faces cannot be True"),
-        ("object settings", None, "settings cannot be None"),
     ],
 )
 def test_what_is_unchecked_does_not_pass(
