@@ -183,12 +183,6 @@ def test_settings_of_the_scene_hold_unless_given() -> None:
     assert settings.vertices == "LIMIT"
 
 
-def test_a_number_typed_is_the_number_meant() -> None:
-    shortest_decimal = addon.module("tasks.surfaces").shortest_decimal
-    for typed in (0.1, 0.01, 0.0003, 123.4):
-        assert shortest_decimal(float(np.float32(typed))) == typed
-
-
 @pytest.mark.parametrize("angle", [-0.6, 0.6])
 def test_a_relative_tolerance_of_a_sheared_object_is_a_part_of_the_longest_diagonal(angle: float) -> None:
     holder = scene.add_object(meshes.cube())
@@ -282,12 +276,6 @@ def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
     assert "By Distance" in addon.module("command_line.report_text").settings_text([holder])
     addon.compute(holder, tolerance=0.05, method="CERTIFIED")
     assert "Proved Minimal" not in addon.facts(holder)
-
-
-def test_the_other_methods_say_what_they_compare_and_where_they_are_off() -> None:
-    for method, (_, text) in addon.module("state.properties").METHOD_TEXTS.items():
-        for words in ("equal parameters", "By Distance can ask for fewer levels", "more on twisted quads"):
-            assert (words in text) == (method != "DISTANCE")
 
 
 # Of these no lesser depth is enough on any face, at this part of the diagonal.
