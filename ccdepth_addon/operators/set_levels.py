@@ -81,6 +81,8 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
         return LINKED
     if is_stale:
         return "its depths are out of date; compute them again"
+    if _is_driven(blender_object):
+        return "a driver sets the levels of its Subdivision Surface modifier; delete the driver first"
     record, limits = blender_object.data.ccdepth, bpy.types.SubsurfModifier.bl_rna.properties
     is_new = subdivision_modifier(blender_object) is None
     if is_new and not record.use_modifiers and any(each.type in ALWAYS_FIRST for each in blender_object.modifiers):
@@ -98,6 +100,15 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
             "Subdivision Surface modifier has at most; compute its depths with Vertices set to Control Mesh"
         )
     return None
+
+
+def _is_driven(blender_object: bpy.types.Object) -> bool:
+    """Whether drivers would undo what is set on the object's Subdivision Surface modifier."""
+    modifier, animation = subdivision_modifier(blender_object), blender_object.animation_data
+    if modifier is None or animation is None:
+        return False
+    paths = {modifier.path_from_id(name) for name in ("levels", "render_levels", "use_limit_surface", "quality")}
+    return any(curve.data_path in paths for curve in animation.drivers)
 
 
 def _way_out(blender_object: bpy.types.Object, deep: mesh_values.TooDeep, settings: bpy.types.PropertyGroup) -> str:

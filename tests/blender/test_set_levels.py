@@ -181,6 +181,13 @@ def test_a_refusal_names_the_faces_that_are_the_cause_and_what_divides_the_other
     assert sum(face.select for face in holder.data.polygons) == beyond
 
 
+def test_levels_that_a_driver_would_undo_are_refused() -> None:
+    holder = scene.add_object(meshes.cube())
+    scene.add_subdivision(holder, 1).driver_add("render_levels").driver.expression = "1"
+    addon.compute(holder)
+    refuses("set_levels", "a driver sets the levels", holder)
+
+
 @pytest.mark.parametrize(("viewport", "render"), [(0, 6), (6, 1), (6, 6)])
 def test_simplify_that_shows_less_is_told(viewport: int, render: int, capfd: pytest.CaptureFixture[str]) -> None:
     addon.compute(scene.add_suzanne(), tolerance=TOLERANCE / 10)
