@@ -12,11 +12,9 @@ from ccdepth_addon.core.mesh.submesh import corners_of_faces, submesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import (
-    VertexRule,
     apply_boundary_rule,
     crease_to_sharpness,
     has_semi_sharp,
-    vertex_rules,
 )
 from tests import meshes, nets
 
@@ -56,37 +54,10 @@ def test_boundary_rule_is_idempotent(name: str, smooth_corners: bool) -> None:
     assert apply_boundary_rule(nets.refined(once, 1), smooth_corners=False).sharpness_is_explicit
 
 
-def test_corners_of_a_quad_stay_only_where_kept() -> None:
-    mesh = meshes.to_polygon_mesh(meshes.grid(1, 1))
-    kept = apply_boundary_rule(mesh, smooth_corners=False)
-    smoothed = apply_boundary_rule(mesh, smooth_corners=True)
-    assert (vertex_rules(kept) == VertexRule.CORNER).all()
-    assert (vertex_rules(smoothed) == VertexRule.CREASE).all()
-    np.testing.assert_array_equal(nets.refined(kept, 3).positions[:4], mesh.positions)
-    np.testing.assert_allclose(subdivide(smoothed).mesh.positions[0], [0.125, 0.125, 0.0])
-
-
-def test_rules_follow_from_the_number_of_sharp_edges() -> None:
-    data = meshes.creased(meshes.cube(), {(0, 1): 1.0, (1, 3): 0.5, (1, 5): 0.2}, {6: 0.3})
-    mesh = meshes.build(data)
-    dart, corner, smooth = VertexRule.DART, VertexRule.CORNER, VertexRule.SMOOTH
-    np.testing.assert_array_equal(vertex_rules(mesh), [dart, corner, smooth, dart, smooth, dart, corner, smooth])
-    np.testing.assert_array_equal(has_semi_sharp(mesh), [False, True, False, True, False, True, True, False])
-
-
 def test_crease_becomes_sharpness_in_single_precision() -> None:
     sharpness = crease_to_sharpness(np.array([0.0, 0.3, 0.5, 1.0]))
     np.testing.assert_allclose(sharpness, [0.0, 0.9, 2.5, np.inf], rtol=1e-6)
     np.testing.assert_array_equal(sharpness, sharpness.astype(np.float32))
-
-
-def test_non_manifold_features_are_infinitely_sharp() -> None:
-    mesh = meshes.build(meshes.fin_through())
-    rules = vertex_rules(mesh)
-    # The line where the fin stands: inside it a crease, at its ends, on the boundary, corners.
-    np.testing.assert_array_equal(rules[10:15], [VertexRule.CORNER, *[VertexRule.CREASE] * 3, VertexRule.CORNER])
-    touching = meshes.build(meshes.bow_tie_inside())
-    assert np.isinf(touching.vertex_sharpness[4])
 
 
 @pytest.mark.parametrize("steps", [1, 2])

@@ -46,17 +46,6 @@ def test_agrees_around_every_valence(valence: int) -> None:
     assert_agrees(meshes.build(meshes.fan(valence)), 3, valence)
 
 
-@every_mesh
-def test_points_in_any_order_and_number(name: str) -> None:
-    mesh = build(name)
-    points = uniform_points(mesh, 2)
-    expected = limit_values(mesh, mesh.positions, points)
-    order = np.random.default_rng(1).integers(0, len(expected), len(expected) // 2)
-    found = limit_values(mesh, mesh.positions, points.at(order))
-    np.testing.assert_allclose(found, expected[order], rtol=0, atol=rounding(mesh.positions, 2))
-    assert limit_values(mesh, mesh.positions, points.at(slice(0, 0))).shape == (0, 3)
-
-
 @given(
     name=st.sampled_from(sorted(MESHES)),
     corner=st.integers(0, 10**6),
