@@ -9,8 +9,6 @@ on the direction of the largest value.
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ccdepth_addon.core.arrays.types import FloatArray
@@ -199,31 +197,6 @@ def test_facets_lie_within_the_first_order_distance(valence: int, vertices: str)
     for level in range(3 if valence == 4 else 2):
         found = worst_of(distance_stencils(valence, level, vertices), nets.edge_matrix(valence))[0]
         assert found <= bounds.at(level)[0] + PROGRAM_TOLERANCE
-
-
-@given(
-    valence=st.integers(3, 14),
-    method=st.sampled_from(list(PATCH_METHODS)),
-    vertices=st.sampled_from(list(Vertices)),
-    seed=st.integers(0, 2**32 - 1),
-    flatness=st.sampled_from([0.0, 0.1, 1.0]),
-)
-def test_random_nets_stay_within_their_bounds(
-    valence: int, method: Method, vertices: Vertices, seed: int, flatness: float
-) -> None:
-    """Distances at levels 0 to 3, sampled at eighths, of nets from nearly flat fans to wild ones."""
-    generator = np.random.default_rng(seed)
-    noise = generator.standard_t(2, size=(2 * valence + 8, 3)) * generator.uniform(0, 1, 3)
-    points = fan_positions(valence) * flatness + noise
-    mesh, face = nets.net_mesh(points), np.array([0])
-    patch = PATCH_METHODS[method]
-    if valence == 4:
-        bounds = patch.regular(regular_nets(mesh, face), vertices)
-    else:
-        bounds = patch.extraordinary(points[:, None], vertices)
-    for level in range(4):
-        distance = Levels(mesh).distances(level, vertices, SAMPLES - level)[0]
-        assert distance <= bounds.at(level)[0] * (1 + 1e-12)
 
 
 @both_vertices
