@@ -5,7 +5,6 @@ map, as a file of its own."""
 import re
 import shutil
 import subprocess
-import sys
 from base64 import b64decode
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -18,8 +17,9 @@ from numpy.typing import NDArray
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.runs import CHECKOUT, LINE, run, save
+from tests.blender.runs import LINE, run, save
 from tests.blender.subdividing import subdivide
+from tests.blender.test_processes import changed_program
 
 picture = addon.module("command_line.picture")
 report = addon.module("command_line.report")
@@ -138,7 +138,7 @@ def test_other_processes_make_the_same_page(tmp_path: Path, monkeypatch: pytest.
     pages = []
     for jobs in ([], ["--jobs", "1"]):
         line = ["one.blend", "missing.obj", *LINE, *jobs, "--html", "report.html", "--overwrite"]
-        assert run(*line, process=quick_program(tmp_path)) == 1
+        assert run(*line, process=changed_program(tmp_path, 'module("picture").SAMPLES = 1')) == 1
         pages.append((tmp_path / "report.html").read_text(encoding="utf-8"))
     # Pictures say how long they took.
     texts = [re.sub(r'src="[^"]*"', "", page) for page in pages]
@@ -147,18 +147,6 @@ def test_other_processes_make_the_same_page(tmp_path: Path, monkeypatch: pytest.
     assert len(page.pictures()) == 2
     assert "there is no such file" in page.text
     assert "1 file failed" in page.text
-
-
-def quick_program(folder: Path) -> list[str]:
-    """The command line in another process, whose pictures are quick, where Blender is a module."""
-    script = folder / "quick.py"
-    script.write_text(
-        f"import runpy, sys\nsys.path.insert(0, {str(CHECKOUT)!r})\n"
-        "from ccdepth_addon.command_line import picture\npicture.SAMPLES = 1\n"
-        f"runpy.run_path({str(CHECKOUT / 'scripts' / 'heat_map.py')!r})",
-        encoding="utf-8",
-    )
-    return [sys.executable, str(script)]
 
 
 def test_a_page_without_pictures_tells_of_failures(tmp_path: Path) -> None:
