@@ -249,12 +249,6 @@ def test_an_object_being_edited_is_not_in_the_way() -> None:
     assert sum(0 in weights for weights in full_mesh.weights_of(comparison.mesh)) == len(comparison.mesh.vertices)
 
 
-def test_custom_normals_are_left_out() -> None:
-    holder = scene.add_object(meshes.creased_cube())
-    holder.data.normals_split_custom_set([(0.6, 0.0, 0.8)] * len(holder.data.loops))
-    assert not compare(holder).mesh.has_custom_normals
-
-
 @pytest.mark.parametrize("deformable", [False, True])
 def test_limit_normals_on_request(deformable: bool) -> None:
     holder = scene.add_object(meshes.creased_cube())
