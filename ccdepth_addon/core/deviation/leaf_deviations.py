@@ -130,10 +130,8 @@ class DrawnLeaves:
         np.maximum.at(found, pieces.faces[leaves], surface.upper[leaves])
         chosen = np.flatnonzero(drawn & (_largest(groups, found) <= limit))
         if len(chosen):
-            # A triangle beyond the limit may be nearest to a leaf of another group.
-            findings.in_faces[:], findings.groups = 0.0, np.arange(count)
             mesh, owners = self._of(chosen)
-            other_way = MeshToSurface(surface, mesh, count, np.inf)
+            other_way = MeshToSurface(surface, mesh, count, np.inf, owners)
             other_way.settle()
             np.maximum.at(found, owners, other_way.upper)
         return np.where(found <= limit, found, np.inf)

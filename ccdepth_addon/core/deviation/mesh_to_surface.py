@@ -179,8 +179,12 @@ class MeshToSurface:
     """The search from the mesh to the surface. upper: (T,) float64, the proved distance of each triangle; face_upper:
     (F,) float64, of the parts compared with each control face."""
 
-    def __init__(self, surface: SurfaceToMesh, mesh: Triangles, face_count: int, whole: float) -> None:
-        self.surface, self.findings, self.mesh = surface, surface.findings, mesh
+    def __init__(
+        self, surface: SurfaceToMesh, mesh: Triangles, face_count: int, whole: float, owners: IndexArray | None = None
+    ) -> None:
+        """owners: (T,) intp, the face that each triangle's distances are findings of; the nearest face if there are
+        none."""
+        self.surface, self.findings, self.mesh, self.owners = surface, surface.findings, mesh, owners
         self.whole = whole
         self.rounds = 0
         self.upper = np.zeros(self.mesh.count)
@@ -228,15 +232,18 @@ class MeshToSurface:
         np.maximum.at(self.face_upper, self.surface.pieces.faces[parts.leaves], parts.bounds)
 
     def _goals(self, parts: Parts) -> FloatArray:
-        return self.findings.goals(self.surface.pieces.faces[parts.leaves], self.rounds)
+        return self.findings.goals(self._faces(parts), self.rounds)
+
+    def _faces(self, parts: Parts) -> IndexArray:
+        """(N,): the face that the distances of each part are findings of."""
+        return self.surface.pieces.faces[parts.leaves] if self.owners is None else self.owners[parts.owners]
 
     def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
         corners = parts.corners[block]
         nearest, near = leaves.nearest(corners.mean(axis=1))
         self.findings.tick()
         parts.leaves[block] = nearest.pieces
-        faces = self.surface.pieces.faces[nearest.pieces]
-        np.maximum.at(self.findings.in_faces, faces, near - nearest.off)
+        np.maximum.at(self.findings.in_faces, self._faces(parts.at(block)), near - nearest.off)
         self._bound_by_heights(parts, block, self.mesh.normals[parts.owners[block]])
         self._bound_by_tilted_heights(parts, block, nearest)
         left = block[parts.bounds[block] > self._goals(parts.at(block))]
