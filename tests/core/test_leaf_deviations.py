@@ -131,10 +131,11 @@ def test_a_map_bounds_both_ways_between_a_leaf_and_its_own_triangles(name: str, 
             assert np.all(found[:, 1] <= bounds[chosen] + FINE * sizes)
 
 
-def test_only_convex_leaves_have_maps() -> None:
-    some = leaves(is_folded=False)
-    some.points[MIDDLE, 0] += 0.6 * (some.points[MIDDLE, 2] - some.points[MIDDLE, 0])
-    assert np.array_equal(np.isinf(some.mapped(1.0, 0.0)), np.arange(9) == MIDDLE)
+def test_only_convex_leaves_drawn_along_a_known_diagonal_have_maps() -> None:
+    folded, concave = (leaves(is_folded=each) for each in (True, False))
+    concave.points[MIDDLE, 0] += 0.6 * (concave.points[MIDDLE, 2] - concave.points[MIDDLE, 0])
+    for some in (folded, concave):
+        assert np.array_equal(np.isinf(some.mapped(1.0, 0.0)), np.arange(9) == MIDDLE)
 
 
 def test_a_map_proves_nearly_what_is_so() -> None:
