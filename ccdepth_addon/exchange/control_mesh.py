@@ -84,12 +84,14 @@ class ControlMesh:
     def of(
         cls, arrays: PolygonMesh, rule: SurfaceRule, base_faces: IndexArray | None, world: FloatArray
     ) -> ControlMesh:
-        """The control mesh of arrays. Raises InvalidMeshError without faces, and for faces with missing vertices."""
+        """The control mesh of arrays. Raises InvalidMeshError without faces, and for faces and edges with missing
+        vertices."""
         if arrays.face_count == 0:
             raise InvalidMeshError("the mesh has no faces")
-        beyond = np.flatnonzero(arrays.corner_vertices >= arrays.vertex_count)
-        if len(beyond):
-            raise InvalidMeshError(f"{len(beyond):,} corners of faces at vertices that the mesh does not have")
+        for vertices, what in ((arrays.corner_vertices, "corners of faces"), (arrays.edge_vertices, "ends of edges")):
+            missing = np.count_nonzero((vertices < 0) | (vertices >= arrays.vertex_count))
+            if missing:
+                raise InvalidMeshError(f"{missing:,} {what} at vertices that the mesh does not have")
         return cls(ControlTopology(arrays, rule, base_faces), arrays.positions.astype(np.float32), world)
 
     @cached_property

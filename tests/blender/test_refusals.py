@@ -407,12 +407,15 @@ def test_nothing_is_invalid() -> None:
         assert scene.selected_faces(holder) == before
 
 
-def test_corners_at_no_vertex_are_refused() -> None:
+@pytest.mark.parametrize("missing", [1000, -1])
+def test_corners_and_edges_at_no_vertex_are_refused(missing: int) -> None:
     """As files have them that were written wrongly."""
-    holder = scene.add_object(meshes.landscape(4, 3))
-    for loop in holder.data.loops[:2]:
-        loop.vertex_index = 1000
+    holder, other = (scene.add_object(meshes.landscape(4, 3)) for _ in range(2))
+    for corner in holder.data.attributes[".corner_vert"].data[:2]:
+        corner.value = missing
     refuses("compute", "2 corners of faces at vertices that the mesh does not have", holder)
+    other.data.attributes[".edge_verts"].data[0].value = (0, missing)
+    refuses("compute", "1 ends of edges at vertices that the mesh does not have", other)
 
 
 def test_the_panel_knows_until_a_run_goes_well() -> None:
