@@ -251,8 +251,8 @@ def _distances(
             chosen = np.zeros(len(off), dtype=bool)
             chosen[some] = True
             bounds = leaves.keep(chosen).mapped(limit, rounded)
-            off[some] = np.where(bounds <= limit, bounds, off[some])
-            is_left[some] = bounds > limit
+            is_mapped = bounds <= limit
+            off[some[is_mapped]], is_left[some] = bounds[is_mapped], ~is_mapped
         # A face with one leaf beyond the limit is beyond it; each leaf around the faces counts by itself.
         groups = np.where(found.is_own, found.bases, len(found.bounds) + np.arange(len(off)))
         for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):

@@ -125,8 +125,9 @@ def mapped_bounds(
     cells = Cells(leaves, leaves, CORNERS_OF_LEAF[turned], quads[leaves[:, None], turned], np.zeros_like(leaves))
     for times in range(QUARTERED + 1):
         bounds = _bounds(pieces, roofs, cells, limit)
-        is_far = bounds > limit
-        is_lost = np.isinf(bounds) | (is_far & ((cells.halved >= HALVED_TIMES) | (times == QUARTERED)))
+        # Of numbers beyond double precision nothing is proved.
+        is_far = ~(bounds <= limit)
+        is_lost = ~np.isfinite(bounds) | (is_far & ((cells.halved >= HALVED_TIMES) | (times == QUARTERED)))
         found[cells.leaves[is_lost]] = np.inf
         np.maximum.at(found, cells.leaves[~is_far], bounds[~is_far])
         cells = _quartered(pieces, roofs, cells.at(is_far & np.isfinite(found[cells.leaves])))
