@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import squared_norms
+from ..arrays.vectors import dot_products, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree
@@ -42,7 +42,7 @@ QUARTERS = (
     / 2
 )
 
-# Surface and triangle are seen along the surface's normal as well where the cosine between both normals is less.
+# Surface and triangle are seen along the surface's normal where the cosine between both normals is less.
 TILTED = 0.98
 
 # Triangles with a height below this part of their longest side are cut along that side alone.
@@ -111,16 +111,17 @@ class Leaves:
         facets = Facets.of(pieces, leaves, tick)
         return Leaves(pieces, facets, BoxTree.around(pieces.low[leaves], pieces.high[leaves]), pieces.count)
 
-    def near(self, places: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """(K,) intp twice: places (P, 3) and the facets of pieces with a leaf that can be nearest."""
+    def near(self, places: FloatArray, share: float) -> tuple[IndexArray, IndexArray]:
+        """(K,) intp twice: places (P, 3) and the facets of pieces that can be nearest; or with a share of 1 of the
+        distances between surface and facets, of pieces with a leaf that can be nearest."""
         tried = self.tree.beside(places)
-        reach = self.facets.distances(places, tried)[0] + self.facets.off[tried]
+        reach = self.facets.distances(places, tried)[0] + share * self.facets.off[tried]
         reach = reach * (1 + 1e-12) + np.finfo(float).tiny
         return self.tree.near(places, reach)
 
     def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
         """The leaves (P,) with the triangles nearest to places (P, 3), and the distances (P,)."""
-        owners, which = self.near(places)
+        owners, which = self.near(places, 0.0)
         facets = self.facets
         if self.pieces.count > self.count:
             owners, now = self.pieces.leaves_of(owners, facets.pieces[which])
@@ -244,8 +245,7 @@ class MeshToSurface:
         self.findings.tick()
         parts.leaves[block] = nearest.pieces
         np.maximum.at(self.findings.in_faces, self._faces(parts.at(block)), near - nearest.off)
-        self._bound_by_heights(parts, block, self.mesh.normals[parts.owners[block]])
-        self._bound_by_tilted_heights(parts, block, nearest)
+        self._bound_by_heights(parts, block, self._directions(parts, block, nearest))
         left = block[parts.bounds[block] > self._goals(parts.at(block))]
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
         bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance
@@ -262,7 +262,7 @@ class MeshToSurface:
         farthest = np.argsort(-distances)[:MEASURED]
         places, owners = places[farthest], owners[farthest]
         pieces = self.surface.pieces
-        rows, which = leaves.near(places)
+        rows, which = leaves.near(places, 1.0)
         rows, which = pieces.leaves_of(rows, leaves.facets.pieces[which])
         while True:
             facets = Facets.of(pieces, which)
@@ -288,14 +288,13 @@ class MeshToSurface:
         np.maximum.at(self.findings.in_faces, faces, found)
         self.findings.note(found, places, points[first], faces, owners, surface_to_mesh=False)
 
-    def _bound_by_tilted_heights(self, parts: Parts, block: IndexArray, nearest: Facets) -> None:
-        """Bound parts by heights along the normals of the nearest pieces, where they differ from the normals of the
-        triangles."""
-        left = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
-        directions = self.surface.normals(nearest.pieces[left])
-        cosines = (directions * self.mesh.normals[parts.owners[block[left]]]).sum(axis=1)
-        is_tilted = directions.any(axis=1) & (np.abs(cosines) < TILTED)
-        self._bound_by_heights(parts, block[left[is_tilted]], directions[is_tilted])
+    def _directions(self, parts: Parts, block: IndexArray, nearest: Facets) -> FloatArray:
+        """(n, 3): the directions in which to look at parts: the normals of their triangles, or of the nearest pieces
+        where these differ."""
+        along = self.mesh.normals[parts.owners[block]]
+        of_pieces = self.surface.normals(nearest.pieces)
+        is_tilted = of_pieces.any(axis=1) & (np.abs(dot_products(of_pieces, along)) < TILTED)
+        return np.where(is_tilted[:, None], of_pieces, along)
 
     def _bound_by_heights(self, parts: Parts, block: IndexArray, directions: FloatArray) -> None:
         if self.findings.is_late() or not len(block):
