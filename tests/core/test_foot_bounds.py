@@ -310,7 +310,7 @@ def test_faces_beside_patches_of_other_kinds_have_no_feet() -> None:
     is_beside = largest_around(mesh, (patches.kinds == PatchKind.IRREGULAR).astype(float)) > 0
     feet = FaceFeet.of(mesh, Vertices.CONTROL, np.zeros(mesh.face_count, dtype=bool), lambda: None)
     inside = np.flatnonzero((patches.kinds == PatchKind.REGULAR) & patches.inside)
-    np.testing.assert_array_equal(np.isfinite(feet.curvature[feet.places[inside]]), ~is_beside[inside])
+    np.testing.assert_array_equal(np.isfinite(feet.whole.curvature[feet.places[inside]]), ~is_beside[inside])
     assert 0 < np.count_nonzero(is_beside[inside]) < len(inside)
 
 
@@ -324,8 +324,10 @@ def test_bounds_hold_beside_extraordinary_faces(name: str, vertices: Vertices) -
     is_extraordinary = classify_patches(mesh).kinds == PatchKind.EXTRAORDINARY
     is_beside = (largest_around(mesh, is_extraordinary.astype(float)) > 0) & (feet.places >= 0)
     # Nearer to the extraordinary vertex the surface is curved more than any regular face around.
-    around = largest_around(mesh, np.where(feet.places >= 0, feet.whole.curvature[feet.places], 0.0))
-    assert np.any((feet.curvature[feet.places] > around)[is_beside])
+    regular = np.flatnonzero(feet.places >= 0)
+    own = np.zeros(mesh.face_count)
+    own[regular] = foot_bounds(by_component(regular_nets(mesh, regular)), vertices, drawn[regular]).curvature
+    assert np.any((feet.whole.curvature[feet.places] > largest_around(mesh, own))[is_beside])
     bounds = np.full(mesh.face_count, np.inf)
     for found in feet.bounds(np.arange(mesh.face_count), 2, vertices, np.inf, lambda: None):
         bounds[found.faces] = found.bounds

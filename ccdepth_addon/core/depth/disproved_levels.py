@@ -38,7 +38,7 @@ from ..surface.refinement import Refinement
 from .tolerance import ToleranceTest
 
 # The number of faces examined together.
-FACES_AT_ONCE = 1 << 9
+FACES_AT_ONCE = 1 << 7
 
 # The number of leaves of a face, with the largest sag, that are divided for the next level; and of points of a face
 # that are tried: this many highest over their own leaf, and this many farthest from it.

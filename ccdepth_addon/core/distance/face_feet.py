@@ -7,11 +7,11 @@ Regular faces without feet, as at borders, have bounds at equal parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..arrays.chunks import FEW_AT_ONCE, index_chunks
+from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
@@ -49,16 +49,14 @@ class FoundByFeet:
 @dataclass(frozen=True)
 class FaceFeet:
     """The bounds by feet of a mesh's faces. places: (F,) intp, of each face among the bounds, -1 where it has none.
-    curvature, speed: of the faces with bounds, κ and α of all faces that touch them. equal: of the same faces, bounds
-    at equal parameters times 4ʲ where there are no feet, infinite elsewhere. is_turned: of the same faces, whether they
+    whole: of the faces with bounds, with κ and α of all faces that touch them. equal: of the same faces, bounds at
+    equal parameters times 4ʲ where there are no feet, infinite elsewhere. is_turned: of the same faces, whether they
     are drawn with the diagonal from corner 1 to 3."""
 
     mesh: PolygonMesh
     vertices: Vertices
     places: IndexArray
     whole: FootBounds
-    curvature: FloatArray
-    speed: FloatArray
     equal: FloatArray
     is_turned: BoolArray
 
@@ -109,40 +107,48 @@ class FaceFeet:
         for rest in index_chunks(np.flatnonzero(np.isinf(curvature)), FEW_AT_ONCE):
             equal[rest] = equal_bounds(_nets(mesh, regular[rest]), vertices)
             tick()
-        return FaceFeet(mesh, vertices, places, whole, curvature, speed, equal, is_turned[regular])
+        whole = replace(whole, curvature=curvature, speed=speed)
+        return FaceFeet(mesh, vertices, places, whole, equal, is_turned[regular])
 
     def bounds(
         self, faces: IndexArray, level: int, shown: Vertices, limit: float, tick: Callable[[], None]
     ) -> Iterator[FoundByFeet]:
         """The bounds of some faces at a level, in chunks. shown: the kind of vertices, ``vertices`` or control points.
         limit: the largest useful distance."""
-        places = self.places[faces]
-        others = faces[places < 0]
+        others = faces[self.places[faces] < 0]
         never = np.zeros(len(others), dtype=bool)
         yield FoundByFeet(others, np.full(len(others), np.inf), never, never, ~never)
-        faces, places = faces[places >= 0], places[places >= 0]
-        size = 0.5**level
+        rest = []
+        for some in index_chunks(faces[self.places[faces] >= 0], AT_ONCE):
+            is_divided, found = self._of_whole_faces(some, level, shown, limit)
+            rest.append(some[is_divided])
+            yield found
+
+        def divided(some: IndexArray) -> FoundByFeet:
+            return self._divided(some, level, shown, limit)
+
+        yield from map_in_threads(divided, index_chunks(np.concatenate([faces[:0], *rest]), FEW_AT_ONCE), tick)
+
+    def _of_whole_faces(
+        self, faces: IndexArray, level: int, shown: Vertices, limit: float
+    ) -> tuple[BoolArray, FoundByFeet]:
+        """(n,) bool, whether parts of each of these regular faces may be within the limit; and the bounds of the other
+        faces."""
+        places, size = self.places[faces], 0.5**level
         found, on_leaves = np.full((2, len(faces)), np.inf)
         if shown is self.vertices:
             own = FootBounds(*(column[places] for column in vars(self.whole).values()))
             equal = self.equal[places] * size**2
             found, on_leaves = (
-                np.minimum(own.at(level, self.curvature[places], self.speed[places], longest), equal)
-                for longest in (1.0, size)
+                np.minimum(own.at(level, own.curvature, own.speed, longest), equal) for longest in (1.0, size)
             )
         middle = self.whole.middle if shown is self.vertices else self.whole.control_middle
         may_be_within = (on_leaves > limit) & (middle[places] * size**2 <= limit)
-        is_divided = may_be_within & np.isfinite(self.curvature[places])
+        is_divided = may_be_within & np.isfinite(self.whole.curvature[places])
         are_short = on_leaves <= limit
-        done = ~is_divided
-        yield FoundByFeet(
-            faces[done], found[done], are_short[done], are_short[done], (may_be_within & (found > limit))[done]
-        )
-
-        def divided(some: IndexArray) -> FoundByFeet:
-            return self._divided(some, level, shown, limit)
-
-        yield from map_in_threads(divided, index_chunks(faces[is_divided], FEW_AT_ONCE), tick)
+        is_open = may_be_within & (found > limit)
+        columns = (column[~is_divided] for column in (faces, found, are_short, are_short, is_open))
+        return is_divided, FoundByFeet(*columns)
 
     def likely(self, faces: IndexArray, level: int, shown: Vertices) -> FloatArray:
         """(n,): estimates of the distances of regular faces at a level, zero at level 0. Estimates prove nothing."""
@@ -172,7 +178,7 @@ class FaceFeet:
         for split in range(first, level + 1):
             if not len(which):
                 break
-            constants = self.curvature[places[which]], self.speed[places[which]]
+            constants = self.whole.curvature[places[which]], self.whole.speed[places[which]]
             own = foot_bounds(nets, shown, self.is_turned[places[which]])
             bounds, short = own.at(level - split, *constants), own.at(level - split, *constants, 0.5**level)
             is_beyond[which[own.middle * 0.25 ** (level - split) > limit]] = True
@@ -206,7 +212,7 @@ class FaceFeet:
         """The bounds, as of ``leaf_feet``, of leaves (16, 3, P) at a level, in faces with bounds at these places
         (P,)."""
         is_turned = self.is_turned[places]
-        curvature, speed, size = self.curvature[places], self.speed[places], 0.5**level
+        curvature, speed, size = self.whole.curvature[places], self.whole.speed[places], 0.5**level
         found = leaf_feet(_turned(nets, is_turned), shown, curvature, speed, size)
         if shown is Vertices.CONTROL:
             corners = np.moveaxis(nets[AT_CORNERS], 2, 0)
