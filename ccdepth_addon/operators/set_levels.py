@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Set Subdivision Levels."""
 
+from collections.abc import Iterator
 from typing import ClassVar
 
 import bpy
@@ -81,8 +82,8 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
         return LINKED
     if is_stale:
         return "its depths are out of date; compute them again"
-    if _is_driven(blender_object):
-        return "a driver sets the levels of its Subdivision Surface modifier; delete the driver first"
+    if (animated := _animated_levels(blender_object)) is not None:
+        return animated
     record, limits = blender_object.data.ccdepth, bpy.types.SubsurfModifier.bl_rna.properties
     is_new = subdivision_modifier(blender_object) is None
     if is_new and not record.use_modifiers and any(each.type in ALWAYS_FIRST for each in blender_object.modifiers):
@@ -102,13 +103,31 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
     return None
 
 
-def _is_driven(blender_object: bpy.types.Object) -> bool:
-    """Whether drivers would undo what is set on the object's Subdivision Surface modifier."""
+def _animated_levels(blender_object: bpy.types.Object) -> str | None:
+    """The animation that would undo what is set on the object's Subdivision Surface modifier, as a reason; or None."""
     modifier, animation = subdivision_modifier(blender_object), blender_object.animation_data
     if modifier is None or animation is None:
-        return False
+        return None
     paths = {modifier.path_from_id(name) for name in ("levels", "render_levels", "use_limit_surface", "quality")}
-    return any(curve.data_path in paths for curve in animation.drivers)
+    if any(curve.data_path in paths for curve in animation.drivers):
+        return "a driver sets the levels of its Subdivision Surface modifier; delete the driver first"
+    if any(curve.data_path in paths for curve in _keyframes(animation)):
+        return "keyframes set the levels of its Subdivision Surface modifier; delete the keyframes first"
+    return None
+
+
+def _keyframes(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
+    """The curves of the object's action, and of the actions on its tracks."""
+    for user in [animation, *(strip for track in animation.nla_tracks for strip in track.strips)]:
+        if user.action is None:
+            continue
+        if not hasattr(user, "action_slot"):
+            # Before Blender 4.4, actions have curves of one object alone.
+            yield from user.action.fcurves
+        elif user.action_slot is not None:
+            for strip in (strip for layer in user.action.layers for strip in layer.strips):
+                bag = strip.channelbag(user.action_slot)
+                yield from bag.fcurves if bag is not None else ()
 
 
 def _way_out(blender_object: bpy.types.Object, deep: mesh_values.TooDeep, settings: bpy.types.PropertyGroup) -> str:

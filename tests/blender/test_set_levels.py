@@ -181,11 +181,35 @@ def test_a_refusal_names_the_faces_that_are_the_cause_and_what_divides_the_other
     assert sum(face.select for face in holder.data.polygons) == beyond
 
 
-def test_levels_that_a_driver_would_undo_are_refused() -> None:
-    holder = scene.add_object(meshes.cube())
-    scene.add_subdivision(holder, 1).driver_add("render_levels").driver.expression = "1"
-    addon.compute(holder)
-    refuses("set_levels", "a driver sets the levels", holder)
+def drive(modifier: bpy.types.Modifier) -> None:
+    modifier.driver_add("render_levels").driver.expression = "1"
+
+
+def key(modifier: bpy.types.Modifier) -> None:
+    modifier.keyframe_insert("levels", frame=1)
+
+
+def key_on_a_track(modifier: bpy.types.Modifier) -> None:
+    key(modifier)
+    animation = modifier.id_data.animation_data
+    animation.nla_tracks.new().strips.new("Strip", 1, animation.action)
+    animation.action = None
+
+
+@pytest.mark.parametrize(
+    ("animate", "subject"),
+    [(drive, "a driver sets"), (key, "keyframes set"), (key_on_a_track, "keyframes set")],
+)
+def test_levels_that_animation_would_undo_are_refused(
+    animate: Callable[[bpy.types.Modifier], None], subject: str
+) -> None:
+    holder, other = scene.add_object(meshes.cube()), scene.add_suzanne()
+    animate(scene.add_subdivision(holder, 1))
+    scene.animate(other, "location", {1: (0.0, 0.0, 0.0)})
+    addon.compute(holder, other)
+    refuses("set_levels", f"{subject} the levels", holder)
+    addon.select(other)
+    assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
 
 
 @pytest.mark.parametrize(("viewport", "render"), [(0, 6), (6, 1), (6, 6)])
