@@ -11,7 +11,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any, NamedTuple
 from zlib import crc32
 
@@ -30,6 +29,7 @@ from .modifiers import (
     simplified_levels,
     surface_rule,
 )
+from .rna_settings import read_setting, settings_of
 from .vertex_groups import read_weights
 
 # Places of other objects are rounded: objects that are turned together keep them but for rounding.
@@ -48,21 +48,6 @@ READS_ATTRIBUTES = re.compile(r"""(uv_layer|attribute_name)=("|'[^'])|limit_meth
 
 # Modifiers whose levels Simplify limits.
 SIMPLIFIED = {"MULTIRES", "SUBSURF"}
-
-# The state of Blender's interface, and counts of a modifier's last evaluation.
-DISPLAY_PREFIXES = ("active_", "open_")
-DISPLAY_FIELDS = {
-    "active", "face_count", "id_data", "is_active_output", "node_warnings", "panels", "rna_type", "select",
-    "show_group_selector", "show_manage_panel", "show_only_control_edges", "ui_type",
-}  # fmt: skip
-
-# Properties of every node that do more than display it.
-NODE_FIELDS = {"bl_idname", "mute"}
-
-# Blender's own, filled in while it evaluates.
-UNREAD_TYPES = {"AnimData", "ParticleSystem", "PointCache"}
-
-FIELD_TYPES = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM", "POINTER", "COLLECTION"}
 
 
 class Description(NamedTuple):
@@ -117,49 +102,6 @@ def shown_checksum(blender_object: bpy.types.Object, shown: Iterable[bpy.types.M
     texts = [*describer.shape_keys(), *describer.modifiers(list(shown)), *describer.places()]
     texts += describer.crease_groups()
     return f"{crc32(chr(10).join(texts).encode(errors='backslashreplace')):08x}"
-
-
-def _names(base: str) -> frozenset[str]:
-    """The properties that all structures of a kind have."""
-    return frozenset(getattr(bpy.types, base).bl_rna.properties.keys())
-
-
-def _fields(kind: type[bpy.types.bpy_struct]) -> tuple[str, ...]:
-    """The properties of a type that do more than display it."""
-    unread: frozenset[str] = frozenset()
-    if issubclass(kind, bpy.types.Modifier):
-        unread = _names("Modifier") - {"type"}
-    elif issubclass(kind, bpy.types.Node):
-        unread = _names("Node") - NODE_FIELDS
-    elif issubclass(kind, bpy.types.ID):
-        # Its name stands in the description of its user; how Blender displays it does not matter.
-        unread = _names("ID") | {name for name in kind.bl_rna.properties.keys() if name.startswith("show_")}  # noqa: SIM118
-    return tuple(
-        each.identifier
-        for each in kind.bl_rna.properties
-        if each.type in FIELD_TYPES
-        and each.identifier not in unread
-        and each.identifier not in DISPLAY_FIELDS
-        and not each.identifier.startswith(DISPLAY_PREFIXES)
-        and getattr(each.fixed_type if each.type == "POINTER" else None, "identifier", "") not in UNREAD_TYPES
-    )
-
-
-_kept_fields = cache(_fields)
-
-
-def _fields_of(holder: bpy.types.bpy_struct) -> tuple[str, ...]:
-    # Blender makes the types of node groups' inputs anew, under the same names.
-    kind: Any = type(holder)
-    return _fields(kind) if issubclass(kind, bpy.types.PropertyGroup) else _kept_fields(kind)
-
-
-def _read(holder: bpy.types.bpy_struct, name: str) -> Any:
-    """A property; None if Blender cannot read it, as of an object not evaluated yet."""
-    try:
-        return getattr(holder, name)
-    except (AttributeError, RuntimeError, TypeError, ValueError):
-        return None
 
 
 @dataclass(frozen=True)
@@ -218,7 +160,7 @@ class _Describer:
 
     def _settings(self, holder: bpy.types.bpy_struct, depth: int = 0) -> str:
         """All settings of a modifier, a node, an input or a curve that do more than display it."""
-        values = ((name, self._value(_read(holder, name), depth)) for name in _fields_of(holder))
+        values = ((name, self._value(read_setting(holder, name), depth)) for name in settings_of(holder))
         return " ".join(f"{name}={value}" for name, value in values)
 
     def _value(self, value: Any, depth: int = 0) -> str:
@@ -283,9 +225,9 @@ class _Describer:
         return "" if data is None else str(data.name_full)
 
     def _curve(self, curve: bpy.types.Curve) -> str:
-        texts = [f"{name}={self._value(_read(curve, name))}" for name in _fields_of(curve) if name != "splines"]
+        texts = [f"{name}={self._value(read_setting(curve, name))}" for name in settings_of(curve) if name != "splines"]
         for spline in curve.splines:
-            texts += [f"{name}={_read(spline, name)!r}" for name in _fields_of(spline) if "points" not in name]
+            texts += [f"{name}={read_setting(spline, name)!r}" for name in settings_of(spline) if "points" not in name]
             texts.append(str(checksum_of_points(spline.points, width=4)))
             texts += [str(checksum_of_points(spline.bezier_points, name)) for name in BEZIER_POINT_VECTORS]
             for points in (spline.points, spline.bezier_points):
@@ -295,7 +237,7 @@ class _Describer:
     def _tree(self, tree: bpy.types.NodeTree) -> str:
         nodes = []
         for node in tree.nodes:
-            values = [self._value(_read(socket, "default_value")) for socket in node.inputs]
+            values = [self._value(read_setting(socket, "default_value")) for socket in node.inputs]
             frame = _frame_text() if node.bl_idname in NODES_AT_FRAMES else ""
             nodes.append(f"{node.name} {self._settings(node)} {values} {frame}")
         links = [

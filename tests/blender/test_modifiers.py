@@ -300,7 +300,7 @@ def other_value(field: bpy.types.Property, value: Any) -> Any:
 def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
     state = addon.module("exchange.dependencies").object_state
     refused = addon.module("exchange.modifiers").SIMULATIONS | addon.module("exchange.modifiers").NOT_SHAPING
-    interface = addon.module("exchange.dependencies").DISPLAY_FIELDS
+    interface = addon.module("exchange.rna_settings").DISPLAY_FIELDS
     settings = 0
     for kind, holder in fresh():
         if kind in refused:
