@@ -189,8 +189,7 @@ class _Describer:
         if isinstance(block, bpy.types.Texture):
             return f"{block.name_full} {self._once(block, self._settings)}"
         if isinstance(block, bpy.types.Image):
-            frame = _frame_text() if block.source in {"MOVIE", "SEQUENCE"} else ""
-            return f"{block.name_full} {block.filepath} {block.source} {frame}"
+            return f"{block.name_full} {self._once(block, _image_text)}"
         return str(block.name_full)
 
     def _once(self, block: bpy.types.ID, describe: Callable[[Any], str]) -> str:
@@ -256,6 +255,17 @@ def _shape_keys_text(keys: bpy.types.Key) -> str:
         for key in keys.key_blocks
     ]
     return repr((keys.use_relative, keys.use_relative or keys.eval_time, blocks))
+
+
+def _image_text(image: bpy.types.Image) -> str:
+    """The settings of an image, and its pixels or its frame. Pixels are read each time: Blender does not report every
+    change of them."""
+    settings = f"{image.filepath} {image.source} {image.alpha_mode} {image.colorspace_settings.name}"
+    if image.source in {"MOVIE", "SEQUENCE"}:
+        return f"{settings} {_frame_text()}"
+    pixels = np.empty(len(image.pixels), dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    return f"{settings} {image.size[:]} {crc32(pixels.data)}"
 
 
 def _simplified_text(levels: int) -> str:

@@ -348,6 +348,18 @@ def bent(holder: bpy.types.Object) -> bpy.types.Curve:
     return path
 
 
+def displaced_by_an_image(holder: bpy.types.Object, **settings: str) -> bpy.types.Image:
+    texture = bpy.data.textures.new("Image", "IMAGE")
+    texture.image = bpy.data.images.new("Image", 8, 8)
+    modified(holder, "DISPLACE", texture=texture, **settings)
+    return texture.image
+
+
+def paint(image: bpy.types.Image) -> None:
+    image.pixels.foreach_set([0.75] * len(image.pixels))
+    image.update_tag()
+
+
 def scaled_by_nodes(holder: bpy.types.Object) -> bpy.types.Modifier:
     """Geometry Nodes that scale by their input, within a node group of their own."""
     inner, outer = scene.node_tree("GeometryNodeTransform"), scene.node_tree()
@@ -399,6 +411,7 @@ SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], objec
         lambda holder: modified(holder, "DISPLACE", texture=bpy.data.textures.new("Clouds", "CLOUDS")).texture,
         lambda texture: set_on(texture, noise_scale=2.0),
     ),
+    "the pixels of an image": (displaced_by_an_image, paint),
     "a lattice": (
         lambda holder: modified(holder, "LATTICE", object=scene.add("It", bpy.data.lattices.new("It"))).object.data,
         lambda lattice: set_and_tell(lattice.points[0], lattice.update_tag, co_deform=(-1.5, -0.5, -0.5)),
