@@ -42,9 +42,16 @@ DEEPEST = 5
 AT_FRAMES = {"BUILD", "DYNAMIC_PAINT", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "PARTICLE_INSTANCE", "WAVE"}
 NODES_AT_FRAMES = {"GeometryNodeBake", "GeometryNodeInputSceneTime", "GeometryNodeSimulationOutput"}
 
-# Parts of the descriptions of modifiers that depend on weights, and on other attributes of the mesh.
-READS_WEIGHTS = re.compile(r"""(vertex_group\w*|attribute_name)=("|'[^'])|type='ARMATURE'|InputNamedAttribute""")
-READS_ATTRIBUTES = re.compile(r"""(uv_layer|attribute_name)=("|'[^'])|limit_method='WEIGHT'|InputNamedAttribute""")
+# Parts of the descriptions of modifiers that depend on weights, on other attributes of meshes, and on the place in the
+# world.
+READS_WEIGHTS = re.compile(
+    r"""(vertex_group\w*|attribute_name)=("|'[^'])|type='ARMATURE'|InputNamedAttribute|VGROUP_WEIGHTS"""
+)
+READS_ATTRIBUTES = re.compile(
+    r"""(uv_layer|attribute_name)=("|'[^'])|(texture_coords|mask_tex_mapping)='UV'|limit_method='WEIGHT'|"""
+    r"use_edge_sharp=True|Input(NamedAttribute|MaterialIndex|ShadeSmooth|EdgeSmooth|ID)\b|MaterialSelection"
+)
+READS_PLACE = re.compile(r"(texture_coords|mask_tex_mapping|space)='GLOBAL'|\bORIGINAL\b|InputActiveCamera|SelfObject")
 
 # Modifiers whose levels Simplify limits.
 SIMPLIFIED = {"MULTIRES", "SUBSURF"}
@@ -117,22 +124,23 @@ class _Describer:
         if keys is not None:
             shown = self.viewer.active_shape_key_index if self.viewer.show_only_shape_key else None
             yield f"{shown} {self._once(keys, _shape_keys_text)}"
+            if self.viewer.type == "MESH" and any(key.vertex_group for key in keys.key_blocks):
+                yield self._weights(self.viewer)
 
     def modifiers(self, modifiers: list[bpy.types.Modifier]) -> Iterator[str]:
         texts = [self._modifier(modifier) for modifier in modifiers if modifier.type not in NOT_SHAPING]
         yield from texts
-        text = " ".join(texts) if self.viewer.type == "MESH" else ""
+        text = " ".join(texts)
+        meshes = [each for each in (self.viewer, *dict.fromkeys(self.mentioned)) if each.type == "MESH"]
         if READS_WEIGHTS.search(text):
-            yield self._once(self.viewer.data, self._weights)
+            yield from map(self._weights, meshes)
         if READS_ATTRIBUTES.search(text):
-            with own_mesh(self.viewer) as mesh:
-                yield str(content_checksum(mesh))
+            yield from map(_attributes_text, meshes)
+        if READS_PLACE.search(text):
+            yield repr(np.array(self.viewer.matrix_world).round(DECIMALS).tolist())
 
-    def _weights(self, _: bpy.types.Mesh) -> str:
-        """The vertex groups of the viewer's mesh; Blender reads weights one by one."""
-        with own_mesh(self.viewer) as mesh:
-            weights = [crc32(column.tobytes()) for column in read_weights(mesh)]
-        return f"{self.viewer.vertex_groups.keys()} {weights}"
+    def _weights(self, holder: bpy.types.Object) -> str:
+        return self._once(holder.data, lambda _: _weights_text(holder))
 
     def crease_groups(self) -> Iterator[str]:
         """The vertex groups that the Subdivision Surface modifier takes for creases, mostly none."""
@@ -255,6 +263,20 @@ def _shape_keys_text(keys: bpy.types.Key) -> str:
         for key in keys.key_blocks
     ]
     return repr((keys.use_relative, keys.use_relative or keys.eval_time, blocks))
+
+
+def _weights_text(holder: bpy.types.Object) -> str:
+    """The vertex groups of an object's mesh; Blender reads weights one by one."""
+    with own_mesh(holder) as mesh:
+        weights = [crc32(column.tobytes()) for column in read_weights(mesh)] if holder.vertex_groups else []
+    return f"{holder.vertex_groups.keys()} {weights}"
+
+
+def _attributes_text(holder: bpy.types.Object) -> str:
+    """The attributes of an object's mesh, and the lists that attributes and modifiers refer to."""
+    with own_mesh(holder) as mesh:
+        active = mesh.uv_layers.active
+        return f"{content_checksum(mesh)} {active and active.name} {holder.material_slots.keys()}"
 
 
 def _image_text(image: bpy.types.Image) -> str:

@@ -348,6 +348,16 @@ def bent(holder: bpy.types.Object) -> bpy.types.Curve:
     return path
 
 
+def transferred(holder: bpy.types.Object) -> bpy.types.Object:
+    """The object whose weights displace the holder."""
+    other = scene.add_object(meshes.cube(), "Weights")
+    for each in (holder, other):
+        each.vertex_groups.new(name="Some")
+    modified(holder, "DATA_TRANSFER", object=other, use_vert_data=True, data_types_verts={"VGROUP_WEIGHTS"})
+    modified(holder, "DISPLACE", vertex_group="Some")
+    return other
+
+
 def displaced_by_an_image(holder: bpy.types.Object, **settings: str) -> bpy.types.Image:
     texture = bpy.data.textures.new("Image", "IMAGE")
     texture.image = bpy.data.images.new("Image", 8, 8)
@@ -412,6 +422,18 @@ SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], objec
         lambda texture: set_on(texture, noise_scale=2.0),
     ),
     "the pixels of an image": (displaced_by_an_image, paint),
+    "the default UV map": (
+        lambda holder: displaced_by_an_image(holder, texture_coords="UV") and holder.data.uv_layers.new(name="Map"),
+        lambda map: set_and_tell(map.data[0], map.id_data.update, uv=(0.3, 0.7)),
+    ),
+    "the place of a displaced object": (
+        lambda holder: displaced_by_an_image(holder, texture_coords="GLOBAL") and holder,
+        lambda holder: set_on(holder, location=(0.5, 0.0, 0.0)),
+    ),
+    "sharp edges": (
+        lambda holder: modified(holder, "EDGE_SPLIT", use_edge_angle=False).id_data,
+        lambda holder: set_and_tell(holder.data.edges[0], holder.data.update, use_edge_sharp=True),
+    ),
     "a lattice": (
         lambda holder: modified(holder, "LATTICE", object=scene.add("It", bpy.data.lattices.new("It"))).object.data,
         lambda lattice: set_and_tell(lattice.points[0], lattice.update_tag, co_deform=(-1.5, -0.5, -0.5)),
@@ -435,6 +457,11 @@ SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], objec
         lambda _: set_on(bpy.context.scene.render, use_simplify=True, simplify_subdivision=1),
     ),
     "weights of bones": (lambda holder: posed(holder) and holder, lambda holder: weigh(holder, "Bone")),
+    "weights of a shape key": (
+        lambda holder: set_on(keyed(holder, 1.0), vertex_group=holder.vertex_groups.new(name="Some").name) or holder,
+        lambda holder: weigh(holder, "Some"),
+    ),
+    "weights of another object": (transferred, lambda other: weigh(other, "Some")),
     "weights of a modifier": (
         lambda holder: modified(holder, "DISPLACE", vertex_group=holder.vertex_groups.new(name="Some").name).id_data,
         lambda holder: weigh(holder, "Some"),
