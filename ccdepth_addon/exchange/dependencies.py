@@ -19,7 +19,14 @@ import numpy as np
 
 from ..core import FloatArray
 from .control_mesh import gram_matrix
-from .mesh_arrays import CREASE_DOMAINS, checksum_of_points, content_checksum, geometry_checksum, own_mesh
+from .mesh_arrays import (
+    CREASE_DOMAINS,
+    attributes_checksum,
+    checksum_of_points,
+    content_checksum,
+    geometry_checksum,
+    own_mesh,
+)
 from .modifiers import (
     NOT_SHAPING,
     OF_OBJECT,
@@ -191,7 +198,8 @@ class _Describer:
             self.mentioned.append(block)
             return self._once(block, self._content)
         if isinstance(block, bpy.types.Collection):
-            return f"[{', '.join(self._data_block(member) for member in block.all_objects)}]"
+            members = [self._data_block(member) for member in block.all_objects]
+            return f"{members} {block.instance_offset[:]}"
         if isinstance(block, bpy.types.NodeTree):
             return self._once(block, self._tree)
         if isinstance(block, bpy.types.Texture):
@@ -216,12 +224,14 @@ class _Describer:
         there = _Describer(other, self.known)
         shown = [modifier for modifier in other.modifiers if modifier.show_viewport]
         texts = [other.type, there._own_data(other), *there.shape_keys(), *there.modifiers(shown)]
+        texts.append(there._value(other.instance_collection))
         return " ".join([*texts, *there.places()])
 
     def _own_data(self, other: bpy.types.Object) -> str:
         data = other.data
         if other.type == "MESH":
-            return "" if data.is_editmode else str(geometry_checksum(data))
+            with own_mesh(other) as mesh:
+                return str(geometry_checksum(mesh))
         if other.type == "ARMATURE":
             bones = [(bone.name, np.array(bone.matrix).round(DECIMALS).tolist()) for bone in other.pose.bones]
             return f"{data.pose_position} {bones}"
@@ -229,6 +239,10 @@ class _Describer:
             return f"{data.points_u} {data.points_v} {data.points_w} {checksum_of_points(data.points, 'co_deform')}"
         if other.type in {"CURVE", "FONT", "SURFACE"}:
             return self._curve(data)
+        if other.type == "META":
+            return self._settings(data)
+        if other.type in {"CURVES", "POINTCLOUD"}:
+            return str(attributes_checksum(data))
         return "" if data is None else str(data.name_full)
 
     def _curve(self, curve: bpy.types.Curve) -> str:
@@ -245,11 +259,14 @@ class _Describer:
         nodes = []
         for node in tree.nodes:
             values = [self._value(read_setting(socket, "default_value")) for socket in node.inputs]
+            if node.bl_idname == "GeometryNodeInputActiveCamera":
+                values.append(self._value(bpy.context.scene.camera))
             frame = _frame_text() if node.bl_idname in NODES_AT_FRAMES else ""
             nodes.append(f"{node.name} {self._settings(node)} {values} {frame}")
         links = [
             (link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier)
             for link in tree.links
+            if not link.is_muted
         ]
         return f"{nodes} {links}"
 
