@@ -2,8 +2,8 @@
 """The dependencies of depths beside the mesh: the object's scale, its modifiers, and the data these refer to.
 
 Modifiers of every type and Blender version are described by all their RNA properties: no property is left out by its
-name, except the display settings of modifiers and nodes. Nothing is evaluated: animated and driven values are those of
-Blender's last evaluation.
+name, except the display settings of modifiers and nodes. Only modifiers with a hidden state are evaluated: animated and
+driven values are those of Blender's last evaluation.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 
 from ..core import FloatArray
 from .control_mesh import gram_matrix
+from .evaluated import evaluated
 from .mesh_arrays import (
     CREASE_DOMAINS,
     attributes_checksum,
@@ -46,11 +47,10 @@ DECIMALS = 5
 DEEPEST = 5
 
 # Modifiers that depend on the frame even without animated settings.
-AT_FRAMES = {"BUILD", "DYNAMIC_PAINT", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "PARTICLE_INSTANCE", "WAVE"}
+AT_FRAMES = {"BUILD", "DYNAMIC_PAINT", "PARTICLE_INSTANCE", "WAVE"}
 NODES_AT_FRAMES = {"GeometryNodeBake", "GeometryNodeInputSceneTime", "GeometryNodeSimulationOutput"}
 
-# Parts of the descriptions of modifiers that depend on weights, on other attributes of meshes, and on the place in the
-# world.
+# Parts of the descriptions of modifiers that read weights, other attributes of meshes, or the object's own place.
 READS_WEIGHTS = re.compile(
     r"""(vertex_group\w*|attribute_name)=("|'[^'])|type='ARMATURE'|InputNamedAttribute|VGROUP_WEIGHTS"""
 )
@@ -59,6 +59,12 @@ READS_ATTRIBUTES = re.compile(
     r"use_edge_sharp=True|Input(NamedAttribute|MaterialIndex|ShadeSmooth|EdgeSmooth|ID)\b|MaterialSelection"
 )
 READS_PLACE = re.compile(r"(texture_coords|mask_tex_mapping|space)='GLOBAL'|\bORIGINAL\b|InputActiveCamera|SelfObject")
+
+# Modifiers with a part that Blender hands out only as the mesh they make: sculpted levels, bound meshes, radii, files.
+HIDDEN_STATE = {
+    "CORRECTIVE_SMOOTH", "LAPLACIANDEFORM", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE", "MULTIRES", "SKIN",
+    "SURFACE_DEFORM",
+}  # fmt: skip
 
 # Modifiers whose levels Simplify limits.
 SIMPLIFIED = {"MULTIRES", "SUBSURF"}
@@ -137,6 +143,9 @@ class _Describer:
     def modifiers(self, modifiers: list[bpy.types.Modifier]) -> Iterator[str]:
         texts = [self._modifier(modifier) for modifier in modifiers if modifier.type not in NOT_SHAPING]
         yield from texts
+        hiding = [number for number, modifier in enumerate(modifiers, start=1) if modifier.type in HIDDEN_STATE]
+        if hiding and self.viewer.type == "MESH":
+            yield from self._made_by(modifiers[: hiding[-1]])
         text = " ".join(texts)
         meshes = [each for each in (self.viewer, *dict.fromkeys(self.mentioned)) if each.type == "MESH"]
         if READS_WEIGHTS.search(text):
@@ -145,6 +154,12 @@ class _Describer:
             yield from map(_attributes_text, meshes)
         if READS_PLACE.search(text):
             yield repr(np.array(self.viewer.matrix_world).round(DECIMALS).tolist())
+
+    def _made_by(self, modifiers: list[bpy.types.Modifier]) -> Iterator[str]:
+        """A checksum of the mesh that these modifiers make, if they make one."""
+        with evaluated(bpy.context, {self.viewer: modifiers}) as copies:
+            if self.viewer in copies:
+                yield str(geometry_checksum(copies.made(self.viewer)[0]))
 
     def _weights(self, holder: bpy.types.Object) -> str:
         return self._once(holder.data, lambda _: _weights_text(holder))
@@ -170,8 +185,7 @@ class _Describer:
             text += " ".join(f"{key}={self._value(modifier[key])}" for key in modifier.keys())  # noqa: SIM118
         if modifier.type in SIMPLIFIED:
             text += _simplified_text(modifier.levels)
-        runs = modifier.type in AT_FRAMES and getattr(modifier, "play_mode", "SCENE") == "SCENE"
-        return f"{text} {_frame_text()}" if runs else text
+        return f"{text} {_frame_text()}" if modifier.type in AT_FRAMES else text
 
     def _settings(self, holder: bpy.types.bpy_struct, depth: int = 0) -> str:
         """All settings of a modifier, a node, an input or a curve that do more than display it."""
@@ -223,9 +237,8 @@ class _Describer:
         """Another object apart from its place: its data, and its own modifiers."""
         there = _Describer(other, self.known)
         shown = [modifier for modifier in other.modifiers if modifier.show_viewport]
-        texts = [other.type, there._own_data(other), *there.shape_keys(), *there.modifiers(shown)]
-        texts.append(there._value(other.instance_collection))
-        return " ".join([*texts, *there.places()])
+        texts = [other.type, there._own_data(other), there._value(other.instance_collection)]
+        return " ".join([*texts, *there.shape_keys(), *there.modifiers(shown), *there.places()])
 
     def _own_data(self, other: bpy.types.Object) -> str:
         data = other.data

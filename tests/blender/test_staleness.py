@@ -341,6 +341,37 @@ def cut(holder: bpy.types.Object, operand_type: str) -> bpy.types.Object:
     return cutter
 
 
+def with_sculpted_levels(holder: bpy.types.Object) -> bpy.types.Object:
+    multires = modified(holder, "MULTIRES")
+    addon.select(holder)
+    bpy.ops.object.multires_subdivide(modifier=multires.name)
+    return holder
+
+
+def sculpt(holder: bpy.types.Object) -> None:
+    """Give the levels of a Multiresolution modifier the shape of another object."""
+    sculpted = scene.add_object(scene.evaluated_mesh_data(holder), "Sculpted")
+    move_vertex(sculpted.data)
+    addon.select(sculpted, holder)
+    bpy.ops.object.multires_reshape(modifier="Modifier")
+
+
+def bound(holder: bpy.types.Object) -> bpy.types.Object:
+    modified(holder, "CORRECTIVE_SMOOTH", rest_source="BIND")
+    addon.select(holder)
+    bpy.ops.object.correctivesmooth_bind(modifier="Modifier")
+    return holder
+
+
+def bind_to_another_shape(holder: bpy.types.Object) -> None:
+    addon.select(holder)
+    move_vertex(holder.data, 0.5)
+    for _ in ("unbind", "bind"):
+        bpy.context.view_layer.update()
+        bpy.ops.object.correctivesmooth_bind(modifier="Modifier")
+    move_vertex(holder.data, -0.5)
+
+
 def bent(holder: bpy.types.Object) -> bpy.types.Curve:
     path = modified(holder, "CURVE", object=scene.add("Path", bpy.data.curves.new("Path", "CURVE"))).object.data
     path.splines.new("POLY").points.add(2)
@@ -466,6 +497,8 @@ SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], objec
         lambda holder: modified(holder, "LATTICE", object=scene.add("It", bpy.data.lattices.new("It"))).object.data,
         lambda lattice: set_and_tell(lattice.points[0], lattice.update_tag, co_deform=(-1.5, -0.5, -0.5)),
     ),
+    "sculpted levels": (with_sculpted_levels, sculpt),
+    "a rest shape": (bound, bind_to_another_shape),
     "a cutter that enters Edit Mode": (
         lambda holder: cut(holder, "OBJECT"),
         lambda cutter: addon.select(cutter, mode="EDIT"),
