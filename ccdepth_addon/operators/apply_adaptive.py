@@ -31,18 +31,18 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
         with self.in_object_mode(context, objects, objects) as edited:
             made, notes = yield from self.made(context, objects, objects, self._progress_text)
             placed = place_meshes(context, made, self.settings(), in_place=in_place)
-            for made_object, source in placed:
+            for made_object, source, read in placed:
                 # A result that was subdivided is the source of its copy, or came from nothing any more.
                 result_record.forget(made_object)
                 if not in_place:
-                    out_of_date.remember_made(made_object, source, settings, made_object.data.materials)
+                    out_of_date.remember_made(made_object, source, settings, made_object.data.materials, read)
             if is_editing:
-                edited[:] = [made_object.session_uid for made_object, _ in placed]
+                edited[:] = [made_object.session_uid for made_object, *_ in placed]
         heat_map.show(context, Shown.DISTANCE)
         self.report_skipped(context)
         if not in_place:
-            notes += notes_on_collections(placed)
-        self.report_made(made, notes, [made_object for made_object, _ in placed])
+            notes += notes_on_collections([(made_object, source) for made_object, source, _ in placed])
+        self.report_made(made, notes, [made_object for made_object, *_ in placed])
         return {"FINISHED"}
 
     def _progress_text(self, faces: float) -> str:

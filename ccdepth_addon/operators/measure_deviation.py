@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import heat_map, mesh_values, out_of_date, properties, result_record
+from ..state import heat_map, mesh_values, out_of_date, properties, result_record, still_holds
 from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, naming
@@ -42,12 +42,14 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         self.end_without(context, [target, *objects])
         settings = MeasureSettings.of(self, self.tolerance)
         task = prepare_measurement(context, objects, target, settings)
+        use_modifiers = settings.use_modifiers
+        states = {each.name: still_holds.measured_state(each, target, use_modifiers=use_modifiers) for each in objects}
         with naming(task.surface.object_name):
             answers = yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
         holders = [_still_there(each) for each in answers]
         mesh_values.write_deviations(holders, answers, settings)
         for each, measured in zip(answers, holders, strict=True):
-            out_of_date.remember_measurement(measured, bpy.data.objects[each.against])
+            out_of_date.remember_measurement(measured, bpy.data.objects[each.against], states[each.measured])
         heat_map.show(context, Shown.DEVIATION)
         self.report_skipped(context)
         for each in answers:

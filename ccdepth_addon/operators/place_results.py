@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
@@ -34,12 +34,14 @@ NAME_SUFFIX = " Adaptive"
 
 @dataclass(frozen=True)
 class NewMesh:
-    """An answer, the session identifier of the mesh made for it, the mesh's checksum, and its depths, (F,) int32."""
+    """An answer, the session identifier of the mesh made for it, the mesh's checksum, and its depths, (F,) int32.
+    sources: the checksums of its sources as they were read."""
 
     answer: AdaptiveAnswer
     mesh_uid: int
     geometry: int
     depths: NDArray[np.int32]
+    sources: list[str]
 
 
 @dataclass
@@ -79,11 +81,11 @@ def make_meshes(
 
 def place_meshes(
     context: bpy.types.Context, made: list[NewMesh], settings: AdaptiveSettings, *, in_place: bool
-) -> list[tuple[bpy.types.Object, bpy.types.Object]]:
+) -> list[tuple[bpy.types.Object, bpy.types.Object, str]]:
     """Put meshes in place of their originals, or in new objects beside the hidden originals.
 
-    All or none; returns each object with a result, and its source. Raises ComputeError, with nothing changed and the
-    meshes removed, if an object has changed.
+    All or none; returns each object with a result, its source, and the source's checksum. Raises ComputeError, with
+    nothing changed and the meshes removed, if an object has changed.
     """
     with _placing(context, made) as (places, undo):
         if in_place:
@@ -93,7 +95,7 @@ def place_meshes(
             undo.callback(setattr, layer_objects, "active", layer_objects.active)
             for place in places:
                 place.users = [_place_beside(context, each, place.mesh, settings, undo) for each in place.users]
-    return [pair for place in places for pair in zip(place.users, place.sources, strict=True)]
+    return [row for place in places for row in zip(place.users, place.sources, place.made.sources, strict=True)]
 
 
 @contextmanager
@@ -117,7 +119,11 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
     # New objects have no matrix before.
     context.view_layer.update()
     for place in places:
-        states = [object_state(user, use_modifiers=False) for user in place.users]
+        # The proof holds for the scales that were read.
+        states = [
+            replace(object_state(user, use_modifiers=False), scale=target.scale)
+            for user, target in zip(place.users, place.made.answer.task.targets, strict=True)
+        ]
         out_of_date.remember_depths(place.mesh, place.made.geometry, place.made.depths, states)
 
 
@@ -147,7 +153,8 @@ def _make_mesh(
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise
-    return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths)
+    read = [result_record.source_checksum(each, use_modifiers=settings.use_modifiers) for each in _sources(answer)]
+    return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths, read)
 
 
 def _place_instead(places: list[_Place], settings: AdaptiveSettings, undo: ExitStack) -> None:
@@ -221,8 +228,8 @@ def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: 
     for place, from_source, was_cleared in zip(places, materials, cleared, strict=True):
         if was_cleared:
             mesh_values.clear(place.mesh)
-        for user, source in zip(place.users, place.sources, strict=True):
-            out_of_date.remember_made(user, source, settings, from_source)
+        for user, source, read in zip(place.users, place.sources, place.made.sources, strict=True):
+            out_of_date.remember_made(user, source, settings, from_source, read)
     return notes
 
 

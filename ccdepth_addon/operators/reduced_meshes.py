@@ -71,7 +71,7 @@ class Reducer:
                 depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
                 mesh_values.write_adaptive(mesh, answer, self._settings, depths, bounds)
                 mesh.ccdepth.unreduced_triangles = triangle_count(answer)
-                return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths)
+                return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths, made.sources)
         except BaseException:
             bpy.data.batch_remove(meshes_with([made.mesh_uid]))
             raise

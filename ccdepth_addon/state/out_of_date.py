@@ -76,10 +76,10 @@ def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
     _own_writes.add(mesh.session_uid)
 
 
-def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -> None:
-    """Write the inputs of a new measurement to the object and its mesh: the next change is the writing of the
-    measurement."""
-    still_holds.remember_measurement(measured, target)
+def remember_measurement(measured: bpy.types.Object, *given: Any) -> None:
+    """Write the inputs of a new measurement to the object and its mesh (``still_holds.remember_measurement``): the next
+    change is the writing of the measurement."""
+    still_holds.remember_measurement(measured, *given)
     _changes.pop(measured.data.session_uid, None)
     _own_writes.add(measured.data.session_uid)
     _note_target(measured)
@@ -127,8 +127,10 @@ def due_again(uids: Iterable[int]) -> None:
 
 
 def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: Any) -> None:
-    """Record on the result that the source has just made it: see ``result_record.remember``."""
+    """Record on the result that the source has just made it (``result_record.remember``), and let the source be
+    examined: it may have changed during the run."""
     result_record.remember(result, source, *given)
+    _touched_sources.add(source.session_uid)
     _changed.discard(result.session_uid)
     _due.discard(result.session_uid)
     _results.setdefault(source.session_uid, set()).add(result.session_uid)

@@ -113,15 +113,16 @@ def remember(
     source: bpy.types.Object,
     settings: dict[str, Any],
     materials: Iterable[bpy.types.Material | None],
+    checksum: str,
 ) -> None:
-    """Record source and settings on the result; the source had these materials. The user's choices for the result
-    stay."""
+    """Record source and settings on the result; the source had these materials, and this checksum when it was read. The
+    user's choices for the result stay."""
     record = result.ccdepth
     record.source, record.source_name = source, source.name
     record.source_is_adaptive = is_adaptive(source)
     for name, value in settings.items():
         setattr(record, name, value)
-    record.source_checksum = source_checksum(source, use_modifiers=record.use_modifiers)
+    record.source_checksum = checksum
     record.mesh_checksum = f"{content_checksum(result.data):08x}"
     record.applied.clear()
     for modifier in applied_modifiers(source, use_modifiers=record.use_modifiers):

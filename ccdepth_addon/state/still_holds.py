@@ -35,6 +35,15 @@ class Examination(NamedTuple):
     uncovered: list[bpy.types.Object]
 
 
+class MeasuredState(NamedTuple):
+    """The inputs of a measurement: checksums of the measured object's mesh and of everything else, and the place of the
+    object relative to the limit surface."""
+
+    geometry: int
+    others: list[str]
+    placement: FloatArray
+
+
 def remember_depths(
     mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[ObjectState]
 ) -> None:
@@ -59,13 +68,16 @@ def _cell(scale: FloatArray) -> tuple[float, ...]:
     return exponent, *np.rint(np.ldexp(scale, -exponent) / (SCALE_DRIFT * CELL_SIZE)).tolist()
 
 
-def mesh_checksum(blender_object: bpy.types.Object, kind: AttributeKind = DEPTH_KIND) -> str:
-    """A checksum of the object's own mesh, as far as its surface depends on it, and of the values of that kind."""
+def mesh_checksum(blender_object: bpy.types.Object) -> str:
+    """A checksum of the object's own mesh, as far as its surface depends on it, and of the depths."""
     with own_mesh(blender_object) as mesh:
-        checksum = geometry_checksum(mesh)
-        if has_values(mesh, kind):
-            checksum = continued(checksum, kind.name, read_face_values(mesh, kind))
-    return f"{checksum:08x}"
+        return _with_values(geometry_checksum(mesh), mesh, DEPTH_KIND)
+
+
+def _with_values(geometry: int, mesh: bpy.types.Mesh, kind: AttributeKind) -> str:
+    """A mesh's checksum with its values of a kind added."""
+    values = read_face_values(mesh, kind) if has_values(mesh, kind) else None
+    return f"{geometry if values is None else continued(geometry, kind.name, values):08x}"
 
 
 def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: KnownDescriptions) -> Examination:
@@ -118,15 +130,25 @@ def _are_among(states: Sequence[tuple[str, FloatArray]], others: Sequence[tuple[
     ]
 
 
-def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -> None:
-    """Write the inputs of a new measurement to the records of the object and of its mesh.
+def measured_state(measured: bpy.types.Object, target: bpy.types.Object, *, use_modifiers: bool) -> MeasuredState:
+    """The present inputs of a measurement. target: the object of the limit surface."""
+    others = [
+        shown_checksum(measured, shown_modifiers(measured)),
+        object_state(target, use_modifiers=use_modifiers).checksum,
+    ]
+    if target != measured:
+        with own_mesh(target) as mesh:
+            others.append(f"{geometry_checksum(mesh):08x}")
+    with own_mesh(measured) as mesh:
+        return MeasuredState(geometry_checksum(mesh), others, _placement(measured, target))
 
-    target: the object of the limit surface.
-    """
+
+def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object, state: MeasuredState) -> None:
+    """Write the inputs of a new measurement, as they were read, to the records of the object and of its mesh."""
     found = measured.data.ccdepth.measurement
     measured.ccdepth.measured_against = None if target == measured else target
-    found.fingerprint = " ".join(_checksums(measured, target, use_modifiers=found.use_modifiers))
-    found.placement = _placement(measured, target)
+    found.fingerprint = " ".join(_checksums(measured, state))
+    found.placement = state.placement
 
 
 def measured_object(holder: bpy.types.Object) -> bpy.types.Object:
@@ -182,27 +204,21 @@ def _change_for(measured: bpy.types.Object) -> str:
         return f"“{found.against}” was removed"
     if mesh_face_count(measured.data) != found.faces:
         return f"“{measured.name}” changed"
-    before, now = found.fingerprint.split(), _checksums(measured, target, use_modifiers=found.use_modifiers)
+    state = measured_state(measured, target, use_modifiers=found.use_modifiers)
+    before, now = found.fingerprint.split(), _checksums(measured, state)
     if before != now:
         return f"“{(measured if before[:2] != now[:2] else target).name}” changed"
-    recorded, present = np.array(found.placement, dtype=np.float64), _placement(measured, target)
-    has_moved = np.abs(recorded - present) > DRIFT * np.abs(recorded).max()
+    recorded = np.array(found.placement, dtype=np.float64)
+    has_moved = np.abs(recorded - state.placement) > DRIFT * np.abs(recorded).max()
     if has_moved[:6].any():
         return f"“{target.name}” was scaled"
     return "objects were moved" if has_moved.any() else ""
 
 
-def _checksums(measured: bpy.types.Object, against: bpy.types.Object, *, use_modifiers: bool) -> list[str]:
-    """Two checksums of the measured object, and one or two of the other object."""
-    parts = [
-        mesh_checksum(measured, DEVIATION_KIND),
-        shown_checksum(measured, shown_modifiers(measured)),
-        object_state(against, use_modifiers=use_modifiers).checksum,
-    ]
-    if against != measured:
-        with own_mesh(against) as mesh:
-            parts.append(f"{geometry_checksum(mesh):08x}")
-    return parts
+def _checksums(measured: bpy.types.Object, state: MeasuredState) -> list[str]:
+    """Two checksums of the measured object, with its deviations, and one or two of the other object."""
+    with own_mesh(measured) as mesh:
+        return [_with_values(state.geometry, mesh, DEVIATION_KIND), *state.others]
 
 
 def _placement(measured: bpy.types.Object, against: bpy.types.Object) -> FloatArray:

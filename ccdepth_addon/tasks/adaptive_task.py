@@ -26,7 +26,7 @@ from ..core import (
     validate,
 )
 from ..exchange.blender_arrays import read_values
-from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh
+from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh, gram_matrix
 from ..exchange.evaluated import Evaluated, evaluated, in_batches
 from ..exchange.modifiers import base_modifiers, subdivision_modifier
 from .surfaces import (
@@ -54,11 +54,12 @@ class AdaptiveSettings(SurfaceSettings):
 class Target(NamedTuple):
     """The object that gets a result. user: its name. source: the name of the object to make the result from, with its
     library; the same object, unless results are made anew. tolerance: in the place of its user, a length in the
-    scene."""
+    scene. scale: of its user, as AᵀA (6,)."""
 
     user: str
     source: tuple[str, str | None]
     tolerance: float
+    scale: FloatArray
 
 
 @dataclass(frozen=True)
@@ -210,7 +211,7 @@ def _task(
         None if user == blender_object else user.data.session_uid,
     )
     task = AdaptiveTask(
-        targets=[Target(user.name, source, surface.tolerance)],
+        targets=[Target(user.name, source, surface.tolerance, gram_matrix(control.world)[np.triu_indices(3)])],
         mesh_uid=blender_object.data.session_uid,
         dependencies=dependencies,
         surface=surface,

@@ -614,6 +614,33 @@ def test_large_meshes_in_edit_mode_are_not_read_again(monkeypatch: pytest.Monkey
         assert made.lines() == stale("other", other="“Other” changed")
 
 
+@pytest.mark.parametrize(
+    ("operator", "module", "work", "change"),
+    [
+        ("compute", "compute_depth", "compute_depths", lambda holder: move_vertex(holder.data)),
+        ("measure", "measure_deviation", "measure", lambda holder: move_vertex(holder.data)),
+        ("subdivide", "adaptive_operator", "subdivide", lambda holder: set_on(holder, scale=(4.0, 4.0, 4.0))),
+        ("subdivide", "reduced_meshes", "reduction_of", lambda holder: move_vertex(holder.data)),
+    ],
+)
+def test_changes_during_a_run_make_its_outcome_out_of_date(
+    operator: str, module: str, work: str, change: Callable[[Any], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An animation may play meanwhile."""
+    holder = scene.add_object(meshes.cube())
+    run = getattr(addon.module(f"operators.{module}"), work)
+    monkeypatch.setattr(addon.module(f"operators.{module}"), work, lambda *given: change(holder) or run(*given))
+    set_scene(reduce=module == "reduced_meshes", tolerance=0.1)
+    addon.finish(operator, holder)
+    addon.examine_touched()
+    made, settings = bpy.context.active_object, bpy.context.scene.ccdepth
+    if operator == "measure":
+        line = addon.module("ui.deviation_panel").stale_line(settings, made.data)
+    else:
+        line = addon.module("ui.panels").stale_line(settings, made.data, made)
+    assert line.endswith("changed")
+
+
 def test_a_duplicate_that_goes_away() -> None:
     first = scene.add_suzanne()
     second = scene.add_mesh(first.data)
