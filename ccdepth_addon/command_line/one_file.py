@@ -37,9 +37,9 @@ from .mesh_files import (
     write_meshes,
     writer,
 )
+from .missing_inputs import missing_inputs
 from .report import Chosen, Distances, FileEntry, ObjectEntry, ReportPictures, stamp
 from .report_text import print_measured, settings_text
-from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import PNG, UnwrittenError, check_whole, claimed, refuse_existing, written_whole
 from .written_meshes import Edges, measured_distances, read_written, shown_triangles
 
@@ -106,18 +106,12 @@ def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
 def evaluated_objects(
     source: Path | None, objects: Sequence[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], str | None]:
-    """The objects whose drivers evaluated, and the faults of the others. Raises CommandError without any left."""
-    failed = without_drivers(objects)
-    if not failed:
-        return list(objects), None
-    scripts = "" if scripts_allowed() else "; blender -y runs the scripts of files"
-    lines = [
-        f"“{each.name}” depends on a driver that did not run, “{cause}”{scripts}" for each, cause in failed.items()
-    ]
-    error = "\n".join(lines)
-    if len(failed) == len(objects):
+    """The objects with all that they depend on, and the faults of the others. Raises CommandError without any left."""
+    failed = missing_inputs(objects)
+    error = "\n".join(f"“{each.name}” depends on {cause}" for each, cause in failed.items())
+    if failed and len(failed) == len(objects):
         raise CommandError(f"{source}: {error}")
-    return [each for each in objects if each not in failed], error
+    return [each for each in objects if each not in failed], error or None
 
 
 def refuse_impossible(source: Path | None, output: Path | None, options: Namespace) -> None:

@@ -206,6 +206,35 @@ def test_what_is_linked_from_a_missing_file_is_missed(tmp_path: Path, capfd: Cap
     assert run(path, *LIMIT, "--objects", "Here", "--output", output) == 0
 
 
+@pytest.mark.every_blender
+@pytest.mark.parametrize("kind", ["nodes", "image", "cache"])
+def test_objects_that_depend_on_a_missing_file_fail_and_others_are_done(
+    tmp_path: Path, capfd: Capture, kind: str
+) -> None:
+    """Nodes of another file, a texture's image, and the file of a Mesh Cache modifier."""
+    needed, path = tmp_path / "needed", tmp_path / "cubes.blend"
+    scene.node_tree().use_fake_user = True
+    save(needed)
+    bpy.data.batch_remove(bpy.data.node_groups)
+    holder, _ = scene.add_object(meshes.cube(), "Cube"), scene.add_object(meshes.cube(), "Other")
+    if kind == "nodes":
+        holder.modifiers.new("Nodes", "NODES").node_group = scene.link(needed, "Group", "node_groups")
+    elif kind == "image":
+        texture = bpy.data.textures.new("Image", "IMAGE")
+        texture.image = bpy.data.images.new("Image", 8, 8)
+        texture.image.source, texture.image.filepath = "FILE", str(needed)
+        holder.modifiers.new("Displace", "DISPLACE").texture = texture
+    else:
+        holder.modifiers.new("Cache", "MESH_CACHE").filepath = str(needed)
+    save(path)
+    assert run(path, *LIMIT) == 0
+    needed.unlink()
+    told = said(capfd, path, *LIMIT, "--output", tmp_path / "out.blend")
+    assert "“Cube” depends on " in told
+    assert f"{needed}" in told
+    assert depths_in(tmp_path / "out.blend").keys() == {"Other"}
+
+
 def test_nothing_that_exists_is_touched(tmp_path: Path, capfd: Capture) -> None:
     lines = ("--output out.blend", "--subdivide --output out.obj", "--picture out.png", "--json out.json")
     for line in (*lines, "--csv out.csv", "--html out.html"):
