@@ -28,7 +28,10 @@ def selection_fault(mesh: bpy.types.Mesh) -> str | None:
     for domain, name in SELECTIONS.items():
         is_there = not mesh.is_editmode and name in mesh.attributes
         if is_there and find_attribute(mesh, name, "BOOLEAN", domain) is None:
-            return f"the mesh has an attribute called “{name}” that is not a selection; remove it first"
+            return (
+                f"the mesh has an attribute called “{name}” that is not a selection; enter Edit Mode and leave it, "
+                "which replaces the attribute"
+            )
     return None
 
 

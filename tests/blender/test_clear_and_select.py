@@ -116,7 +116,10 @@ def test_attribute_where_blender_keeps_the_selection(name: str) -> None:
         if name in holder.data.attributes:
             holder.data.attributes.remove(holder.data.attributes[name])
         holder.data.attributes.new(name, data_type, domain)
-        refuses("select", f"Cube.*: .* “{name}” that is not a selection", depth=0)
+        refuses("select", f"Cube.*: .* “{name}” that is not a selection; enter Edit Mode and leave it", depth=0)
+        with addon.edit_mode(holder):
+            pass
+        assert bpy.ops.ccdepth.select(depth=0) == {"FINISHED"}
 
 
 # In the order in which Blender lists attributes some come before ours and some after.
