@@ -66,9 +66,6 @@ HIDDEN_STATE = {
     "SURFACE_DEFORM",
 }  # fmt: skip
 
-# Modifiers whose levels Simplify limits.
-SIMPLIFIED = {"MULTIRES", "SUBSURF"}
-
 
 class Description(NamedTuple):
     """A text, and the objects it mentions; their places are not in it."""
@@ -183,7 +180,7 @@ class _Describer:
         if modifier.type == "NODES" and not hasattr(modifier, "properties"):
             # Since Blender 5.2 the inputs are ordinary properties; before, custom properties.
             text += " ".join(f"{key}={self._value(modifier[key])}" for key in modifier.keys())  # noqa: SIM118
-        if modifier.type in SIMPLIFIED:
+        if modifier.type == "SUBSURF":
             text += _simplified_text(modifier.levels)
         return f"{text} {_frame_text()}" if modifier.type in AT_FRAMES else text
 

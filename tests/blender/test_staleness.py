@@ -556,8 +556,6 @@ SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], objec
         scaled_by_an_attribute,
         lambda holder: fill(holder, "Offset", 0.5),
     ),
-    # It is called like something of a node.
-    "the height of waves": (lambda holder: modified(holder, "WAVE"), lambda wave: set_on(wave, height=0.125)),
     "nodes": (lambda holder: modified(holder, "NODES"), lambda nodes: set_on(nodes, node_group=scene.node_tree())),
     "an input of nodes": (scaled_by_nodes, set_an_input),
     "a group of nodes": (
