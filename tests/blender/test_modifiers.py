@@ -291,7 +291,8 @@ def other_value(field: bpy.types.Property, value: Any) -> Any:
     if field.type in {"INT", "FLOAT"}:
         if field.is_array:
             return None
-        return field.hard_min if value != field.hard_min else field.hard_max
+        # With the least iterations that Blender 4.3 accepts, its Smooth Corrective does not end.
+        return field.soft_min if value != field.soft_min else field.soft_max
     if field.type == "ENUM" and not field.is_enum_flag:
         return next((item.identifier for item in field.enum_items if item.identifier != value), None)
     return None
