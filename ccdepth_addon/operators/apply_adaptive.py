@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apply Adaptive Subdivision."""
 
-from typing import ClassVar
-
 import bpy
 
 from ..exchange.modifiers import left_out_sculpting
@@ -21,7 +19,6 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
 
     bl_idname = "ccdepth.subdivide"
     bl_label = "Apply Adaptive Subdivision"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = selected_meshes(context)

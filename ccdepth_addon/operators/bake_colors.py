@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import bpy
 
 from ..exchange.face_values import COLOR
@@ -21,7 +19,6 @@ class CCDEPTH_OT_bake_colors(QuickOperator):
 
     bl_idname = "ccdepth.bake_colors"
     bl_label = "Bake to Color Attribute"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Before / After: sources shown in place of their results, or the other way round."""
 
-from typing import ClassVar
-
 import bpy
 
 from ..state import out_of_date, result_record
@@ -20,7 +18,6 @@ class CCDEPTH_OT_before_after(QuickOperator):
 
     bl_idname = "ccdepth.before_after"
     bl_label = "Before / After"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clear."""
 
-from typing import ClassVar
-
 import bpy
 
 from ..exchange.data_blocks import is_writable
@@ -15,7 +13,6 @@ class CCDEPTH_OT_clear(QuickOperator):
 
     bl_idname = "ccdepth.clear"
     bl_label = "Clear"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     def act(self, context: bpy.types.Context) -> set[str]:
         meshes = {obj.data for obj in selected_meshes(context) if is_writable(obj.data)}

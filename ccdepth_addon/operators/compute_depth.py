@@ -2,7 +2,6 @@
 """Compute Depth."""
 
 from functools import partial
-from typing import ClassVar
 
 import bpy
 
@@ -24,7 +23,6 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
 
     bl_idname = "ccdepth.compute"
     bl_label = "Compute Depth"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = selected_meshes(context)

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Edit Selected Faces."""
 
-from typing import ClassVar
-
 import bpy
 
 from .selected_meshes import QuickOperator, mesh_fault, refuse
@@ -13,7 +11,6 @@ class CCDEPTH_OT_edit_faces(QuickOperator):
 
     bl_idname = "ccdepth.edit_faces"
     bl_label = "Edit Selected Faces"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     not_in_edit_mode = "Works in Object Mode, with a mesh object active"
 
     @classmethod

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import bpy
 import numpy as np
 
@@ -23,7 +21,6 @@ class CCDEPTH_OT_select_invalid(QuickOperator):
 
     bl_idname = "ccdepth.select_invalid"
     bl_label = "Select Invalid Faces"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     def act(self, context: bpy.types.Context) -> set[str]:
         invalid = _invalid_faces(context)
@@ -49,7 +46,6 @@ class CCDEPTH_OT_repair(QuickOperator):
 
     bl_idname = "ccdepth.repair"
     bl_label = "Repair Mesh"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     not_in_edit_mode = "Works in Object Mode; in Edit Mode, delete the faces"
 
     def act(self, context: bpy.types.Context) -> set[str]:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import ClassVar
 
 import bpy
 
@@ -34,7 +33,6 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
 
     bl_idname = "ccdepth.measure"
     bl_label = "Measure Deviation"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         target, objects = _target_and_measured(context)

@@ -3,7 +3,6 @@
 """Select by Depth."""
 
 from operator import eq, ge, le
-from typing import ClassVar
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty
@@ -21,7 +20,6 @@ class CCDEPTH_OT_select(QuickOperator):
 
     bl_idname = "ccdepth.select"
     bl_label = "Select by Depth"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     depth: IntProperty(name="Depth", description="The depth to look for; the deepest when left out", default=0, min=0)
     comparison: EnumProperty(

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import bpy
 import numpy as np
 from bpy.props import BoolProperty
@@ -31,7 +29,6 @@ class CCDEPTH_OT_select_worst(QuickOperator):
 
     bl_idname = "ccdepth.select_worst"
     bl_label = "Select Worst Face"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     frame: BoolProperty(name="Frame", description="Move the 3D View to the front of the face", default=False)
 

@@ -34,9 +34,12 @@ def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 class MeshOperator(bpy.types.Operator):
-    """An operator that works on mesh objects. not_in_edit_mode: the reason why it does not work in Edit Mode, if
-    any."""
+    """An operator that works on mesh objects, and unless it says otherwise is one step of undo, which can be adjusted.
 
+    not_in_edit_mode: the reason why it does not work in Edit Mode, if any.
+    """
+
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     not_in_edit_mode: ClassVar[str] = ""
 
     @classmethod

@@ -2,7 +2,6 @@
 """Set Subdivision Levels."""
 
 from collections.abc import Iterator
-from typing import ClassVar
 
 import bpy
 
@@ -22,7 +21,6 @@ class CCDEPTH_OT_set_levels(QuickOperator):
 
     bl_idname = "ccdepth.set_levels"
     bl_label = "Set Subdivision Levels"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:

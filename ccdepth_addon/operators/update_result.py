@@ -57,7 +57,6 @@ class CCDEPTH_OT_update(UpdatingOperator):
 
     bl_idname = "ccdepth.update"
     bl_label = "Update Result"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
