@@ -11,15 +11,15 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.subdividing import TOLERANCE, faces, known_count, refused, refuses, subdivide
+from tests.blender.subdividing import TOLERANCE, faces, known_count, refuses, subdivide
 from tests.blender.updating import made_result, move_vertex, set_scene
-from tests.thorough import each
 
 
 def test_after_a_refused_update_as_well() -> None:
     _, result = made_result()
     set_scene(tolerance=1e-4, max_faces=500)
-    refuses("update", "Find Tolerance finds one that fits", result)
+    message = "Cage Adaptive: the result would have about .* faces, and 500 are allowed; Find Tolerance finds one that"
+    refuses("update", message, result)
     assert known_count(result).are_too_many
     bpy.ops.ccdepth.find_tolerance(face_budget=500)
     # Of a result it counts what its update makes.
@@ -226,23 +226,46 @@ def made_with(tolerance: float, *objects: bpy.types.Object) -> int:
     return sum(map(faces, subdivide(*objects, tolerance=tolerance, tolerance_mode=mode)))
 
 
-@pytest.mark.parametrize(
-    ("mode", "start", "division"),
-    [("RELATIVE", 1e-5, {}), ("ABSOLUTE", 1.0, {}), ("RELATIVE", 1e-3, {"mode": "PER_FACE", "transitions": "NGONS"})],
-)
-def test_it_fits_and_a_finer_one_does_not(mode: str, start: float, division: dict[str, str]) -> None:
+MESHES: dict[str, Callable[[], meshes.MeshData]] = {
+    "hills": hills,
+    "cylinder": lambda: meshes.cylinder(32),
+    "pole": lambda: meshes.fan(12, 2),
+    "Suzanne": scene.suzanne,
+}
+PER_FACE = {"mode": "PER_FACE", "transitions": "NGONS"}
+
+# The tolerance mode, the tolerance before, how faces are divided, and for how many faces. The large ones are too large
+# to be tried from the start; a pole may be as deep as its whole face; Suzanne herself has 500 faces.
+BUDGETS: list[Any] = [
+    ("hills", "RELATIVE", 1e-5, {}, 300),
+    ("hills", "ABSOLUTE", 1.0, {}, 1_000),
+    ("pole", "RELATIVE", 1e-3, PER_FACE, 2_000),
+    ("Suzanne", "RELATIVE", 1e-4, {}, 500),
+    *(
+        pytest.param(name, "RELATIVE", 1e-6, division, most, marks=pytest.mark.thorough)
+        for most, name in ((4_000, "cylinder"), (60_000, "cylinder"), (60_000, "pole"), (60_000, "Suzanne"))
+        for division in ({}, PER_FACE)
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "mode", "start", "division", "budget"), BUDGETS)
+def test_it_fits_and_a_finer_one_does_not(
+    name: str, mode: str, start: float, division: dict[str, str], budget: int
+) -> None:
     """Whatever the tolerance was before, with the scene's other settings; in Edit Mode as well, which stays."""
     set_scene(tolerance_mode="RELATIVE", tolerance=start, relative_tolerance=start, **division)
-    holder = scene.add_object(hills(), "Hills")
+    holder = scene.add_object(MESHES[name]())
+    holder.scale = (3.0, 3.0, 3.0)
     with addon.edit_mode(holder):
-        assert bpy.ops.ccdepth.find_tolerance(face_budget=300, tolerance_mode=mode) == {"FINISHED"}
+        assert bpy.ops.ccdepth.find_tolerance(face_budget=budget, tolerance_mode=mode) == {"FINISHED"}
         assert (holder.mode, bpy.context.scene.ccdepth.tolerance_mode) == ("EDIT", mode)
-    tolerance = find(holder, face_budget=300)
+    tolerance = find(holder, face_budget=budget)
     counted = known_count(holder)
     assert not counted.are_too_many
-    assert counted.faces == made_with(tolerance, holder) <= 300
-    # A little finer there may be fewer again, so the search ends near the budget.
-    assert counted.faces >= 0.97 * 300 or made_with(tolerance / 1.1, holder) > 300
+    assert counted.faces == made_with(tolerance, holder) <= budget
+    # A little finer there may be fewer again, so the search ends near the budget, unless whole faces are divided.
+    assert division or counted.faces >= 0.97 * budget or made_with(tolerance / 1.1, holder) > budget
 
 
 def test_a_flat_mesh_gets_the_least_tolerance_that_is_taken() -> None:
@@ -301,59 +324,17 @@ def test_a_count_for_a_result_is_forgotten_when_something_changes(change: Callab
     assert known_count(result) is None
 
 
-def refused_and_found(*objects: bpy.types.Object, match: str = "", **settings: Any) -> float:
-    """The tolerance found after a refusal, for as many faces as are allowed."""
-    refused(*objects, match=f"{match}.*; Find Tolerance finds one that fits", **settings)
-    set_scene(relative_tolerance=settings["tolerance"], **settings)
-    refuses("subdivide", "Find Tolerance finds one that fits", *objects)
-    assert len(objects) > 1 or known_count(objects[0]).are_too_many
-    return find(*objects, face_budget=settings["max_faces"])
-
-
-@pytest.mark.parametrize(
-    ("name", "mode", "max_faces", "tolerance_mode"),
-    [
-        ("hills", "ADAPTIVE", 1_000, "ABSOLUTE"),
-        ("pole", "PER_FACE", 2_000, "RELATIVE"),
-        # Where the mesh itself has no fewer faces: Suzanne has 500.
-        ("Suzanne", "ADAPTIVE", 500, "RELATIVE"),
-        *(
-            pytest.param(name, mode, most, "RELATIVE", marks=pytest.mark.thorough)
-            for most, name in ((4_000, "cylinder"), (60_000, "cylinder"), (60_000, "pole"), (60_000, "Suzanne"))
-            for mode in ("ADAPTIVE", "PER_FACE")
-        ),
-    ],
-)
-def test_the_tolerance_found_fits_results_of_any_size(
-    name: str, mode: str, max_faces: int, tolerance_mode: str
-) -> None:
-    """The large ones are too large to be tried from the start; a pole may be as deep as its whole face. At least half
-    of the faces allowed are made, where not whole faces are subdivided."""
-    made = {"cylinder": lambda: meshes.cylinder(32), "pole": lambda: meshes.fan(12, 2), "hills": hills}
-    holder = scene.add_object(made[name]()) if name in made else scene.add_suzanne()
-    holder.scale = (3.0, 3.0, 3.0)
-    settings = {"mode": mode, "max_faces": max_faces, "tolerance_mode": tolerance_mode}
-    match = f"{holder.name}: the result would have about .* {max_faces:,} are allowed"
-    tolerance = refused_and_found(holder, tolerance=1e-6 if max_faces > 1000 else 1e-4, match=match, **settings)
-    [result] = subdivide(holder, tolerance=tolerance, **settings)
-    least = max_faces / 2 if mode == "ADAPTIVE" else 1
-    assert least <= faces(result) <= max_faces
-
-
 def test_the_limit_is_for_all_objects_together(capfd: pytest.CaptureFixture[str]) -> None:
-    objects = [scene.add_object(meshes.cube()), scene.add_object(meshes.cube())]
-    [alone] = subdivide(objects[0])
-    objects[0].hide_set(False)
-    most = int(1.5 * faces(alone))
-    refused(*objects, match="The 2 results together .* are allowed", max_faces=most)
-    bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE", max_faces=most)
-    assert f"The 2 results together would have about {2 * faces(alone):,} faces" in capfd.readouterr().out
-
-
-@pytest.mark.parametrize("max_faces", each([20, 100], short=[20]))
-def test_the_tolerance_found_fits_all_objects_together(max_faces: int) -> None:
+    """And so is the tolerance that is found."""
     objects = [scene.add_object(meshes.landscape(2, 2), "Hills"), scene.add_object(meshes.cube(), "Cube")]
     objects[1].scale = (2.0, 2.0, 2.0)
-    tolerance = refused_and_found(*objects, tolerance=0.001, tolerance_mode="RELATIVE", max_faces=max_faces)
-    results = subdivide(*objects, tolerance=tolerance, tolerance_mode="RELATIVE", max_faces=max_faces)
-    assert sum(map(faces, results)) <= max_faces
+    set_scene(tolerance_mode="RELATIVE", relative_tolerance=TOLERANCE)
+    count = made_with(TOLERANCE, *objects)
+    for each in objects:
+        each.hide_set(False)
+    most = count - 1
+    set_scene(max_faces=most)
+    refuses("subdivide", "The 2 results together .* are allowed; Find Tolerance finds one that fits", *objects)
+    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+    assert f"The 2 results together would have about {count:,} faces" in capfd.readouterr().out
+    assert most / 2 < made_with(find(*objects, face_budget=most), *objects) <= most
