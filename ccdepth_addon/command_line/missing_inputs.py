@@ -31,10 +31,16 @@ def missing_inputs(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Object
     while waiting:
         used = waiting.pop()
         for user in users.get(used, ()):
-            if user not in causes and not isinstance(user, NO_SHAPE):
+            if user not in causes and _is_shaped_by(user, used):
                 causes[user] = causes[used]
                 waiting.append(user)
     return {each: causes[each] for each in objects if each in causes}
+
+
+def _is_shaped_by(user: bpy.types.ID, used: bpy.types.ID) -> bool:
+    # Empties show images for reference alone.
+    is_reference = isinstance(used, bpy.types.Image) and getattr(user, "type", "") == "EMPTY"
+    return not (is_reference or isinstance(user, NO_SHAPE))
 
 
 def _missing_for(block: bpy.types.ID) -> str | None:

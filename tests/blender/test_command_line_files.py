@@ -211,12 +211,12 @@ def test_what_is_linked_from_a_missing_file_is_missed(tmp_path: Path, capfd: Cap
 def test_objects_that_depend_on_a_missing_file_fail_and_others_are_done(
     tmp_path: Path, capfd: Capture, kind: str
 ) -> None:
-    """Nodes of another file, a texture's image, and the file of a Mesh Cache modifier."""
+    """Nodes of another file, a texture's image, and the file of a Mesh Cache modifier; not the image of an empty."""
     needed, path = tmp_path / "needed", tmp_path / "cubes.blend"
     scene.node_tree().use_fake_user = True
     save(needed)
     bpy.data.batch_remove(bpy.data.node_groups)
-    holder, _ = scene.add_object(meshes.cube(), "Cube"), scene.add_object(meshes.cube(), "Other")
+    holder, other = scene.add_object(meshes.cube(), "Cube"), scene.add_object(meshes.cube(), "Other")
     if kind == "nodes":
         holder.modifiers.new("Nodes", "NODES").node_group = scene.link(needed, "Group", "node_groups")
     elif kind == "image":
@@ -224,6 +224,9 @@ def test_objects_that_depend_on_a_missing_file_fail_and_others_are_done(
         texture.image = bpy.data.images.new("Image", 8, 8)
         texture.image.source, texture.image.filepath = "FILE", str(needed)
         holder.modifiers.new("Displace", "DISPLACE").texture = texture
+        other.parent = bpy.data.objects.new("Reference", None)
+        other.parent.empty_display_type, other.parent.data = "IMAGE", texture.image
+        bpy.context.collection.objects.link(other.parent)
     else:
         holder.modifiers.new("Cache", "MESH_CACHE").filepath = str(needed)
     save(path)
