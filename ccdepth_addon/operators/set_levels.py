@@ -7,8 +7,6 @@ import bpy
 
 from ..exchange.modifiers import OF_OBJECT, shown_vertices, simplified_levels, subdivision_modifier
 from ..state import known, mesh_values, out_of_date, result_record
-from ..state.properties import scene_tolerance
-from ..tasks.adaptive_task import AdaptiveSettings
 from .selected_meshes import LINKED, QuickOperator, count_text, refuse, selected_meshes
 
 # Modifiers that no other one can be moved above; Blender says that they require original data.
@@ -133,7 +131,7 @@ def _way_out(blender_object: bpy.types.Object, deep: mesh_values.TooDeep, settin
     if not deep.faces_beyond:
         return ""
     cause = count_text(deep.faces_beyond, "face needs", "faces need")
-    count = known.known_count([blender_object], AdaptiveSettings.of(settings, scene_tolerance(settings)))
+    count = known.count_to_make([blender_object], settings)
     faces = "" if count is None else f", and makes {count.faces:,} faces"
     fitting = count_text(deep.fitting, "level", "levels")
     return f"; {cause} more than {fitting}: Apply Adaptive Subdivision divides the others less{faces}"

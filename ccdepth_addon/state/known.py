@@ -22,6 +22,7 @@ from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask
 from . import mesh_values, out_of_date, viewports, watch
+from .properties import scene_tolerance
 from .result_record import control_object
 
 # A larger mesh is not evaluated for its diagonal alone, nor one again that took longer, in seconds.
@@ -144,6 +145,11 @@ def known_count(objects: Iterable[bpy.types.Object], settings: AdaptiveSettings)
     counted."""
     counted_with, count = _counts.get(_uids(objects), (None, None))
     return count if counted_with == settings else None
+
+
+def count_to_make(objects: Iterable[bpy.types.Object], settings: bpy.types.PropertyGroup) -> FaceCount | None:
+    """The number of faces, as of ``known_count``, with the scene's settings."""
+    return known_count(objects, AdaptiveSettings.of(settings, scene_tolerance(settings)))
 
 
 def _uids(objects: Iterable[bpy.types.Object]) -> frozenset[int]:

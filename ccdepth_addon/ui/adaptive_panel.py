@@ -7,8 +7,6 @@ import bpy
 
 from ..exchange.modifiers import has_own_keys
 from ..state import known, out_of_date, result_record
-from ..state.properties import scene_tolerance
-from ..tasks.adaptive_task import AdaptiveSettings
 from .facts import count_fact, draw_facts, facts_of, short_count
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
 from .selected_objects import chosen_meshes, made_objects
@@ -107,7 +105,7 @@ def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.ccdepth
-    count = known.known_count(chosen_meshes(context), AdaptiveSettings.of(settings, scene_tolerance(settings)))
+    count = known.count_to_make(chosen_meshes(context), settings)
     if count is None:
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return

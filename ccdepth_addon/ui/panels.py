@@ -14,8 +14,7 @@ from ..exchange.modifiers import OF_OBJECT
 from ..state import known, out_of_date, result_record
 from ..state.colors import depth_colors
 from ..state.mesh_values import too_deep
-from ..state.properties import scene_tolerance, tolerance_name
-from ..tasks.adaptive_task import AdaptiveSettings
+from ..state.properties import tolerance_name
 from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, facts_of, totals
 from .manual import draw_manual_button
@@ -150,8 +149,7 @@ def _draw_too_deep(
         select = column.operator("ccdepth.select", text="Select These Faces", icon="RESTRICT_SELECT_OFF")
         select.depth, select.comparison = fitting + 1, "AT_LEAST"
         column.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
-        current = AdaptiveSettings.of(settings, scene_tolerance(settings))
-        if count := known.known_count(objects, current):
+        if count := known.count_to_make(objects, settings):
             draw_facts(column, [count_fact(count.faces)])
 
 

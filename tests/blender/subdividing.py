@@ -45,7 +45,4 @@ def shape(holder: bpy.types.Object) -> np.ndarray:
 def known_count(holder: bpy.types.Object) -> Any:
     """Of this object alone, once Blender has passed on its updates."""
     bpy.context.view_layer.update()
-    settings = bpy.context.scene.ccdepth
-    tolerance = getattr(settings, "relative_tolerance" if settings.tolerance_mode == "RELATIVE" else "tolerance")
-    current = addon.module("tasks.adaptive_task").AdaptiveSettings.of(settings, tolerance)
-    return addon.module("state.known").known_count([holder], current)
+    return addon.module("state.known").count_to_make([holder], bpy.context.scene.ccdepth)

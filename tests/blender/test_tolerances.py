@@ -294,12 +294,12 @@ def test_objects_that_share_a_mesh_have_one_count() -> None:
     alone = known_count(second).faces
     addon.select(first, second)
     panel, counts = addon.module("ui.selected_objects"), addon.module("state.known")
-    settings = addon.module("tasks.adaptive_task").AdaptiveSettings.of(bpy.context.scene.ccdepth, 0.02)
-    assert counts.known_count(panel.chosen_meshes(bpy.context), settings) is None
+    settings = bpy.context.scene.ccdepth
+    assert counts.count_to_make(panel.chosen_meshes(bpy.context), settings) is None
     assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
     for active in (first, second):
         bpy.context.view_layer.objects.active = active
-        together = counts.known_count(panel.chosen_meshes(bpy.context), settings).faces
+        together = counts.count_to_make(panel.chosen_meshes(bpy.context), settings).faces
         assert together > alone
     assert (known_count(first), known_count(second).faces) == (None, alone)
     results = subdivide(first, second, tolerance=0.02)
