@@ -115,17 +115,15 @@ def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> Objec
 
 
 def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    return [(_measured_entry(each, settings), each) for each in objects]
-
-
-def _measured_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
-    """The entry of an object measured against its own limit surface."""
-    call_for([blender_object], bpy.ops.ccdepth.measure)
-    record = blender_object.data.ccdepth
-    unit = scene_unit(bpy.context.scene)
-    distances = Distances.of(record.deviation, record.deviation_reached, unit)
-    entry = _entry(blender_object, settings, record.measurement.world_tolerance)
-    return replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
+    """Measure each object against its own limit surface."""
+    found = []
+    for each in objects:
+        call_for([each], bpy.ops.ccdepth.measure)
+        record = each.data.ccdepth
+        distances = Distances.of(record.deviation, record.deviation_reached, scene_unit(bpy.context.scene))
+        entry = _entry(each, settings, record.measurement.world_tolerance)
+        found.append((replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name), each))
+    return found
 
 
 ACTIONS = {DEPTHS: _compute_depths, LEVELS: _set_levels, SUBDIVIDE: _subdivide, MEASURE: _measure}

@@ -231,7 +231,8 @@ def _add_legend(scene: bpy.types.Scene, wanted: Legend) -> None:
     layout = column(wanted, LEGEND_SIZE * room, _width)
     x, y = WIDTH - MARGIN - layout.width, (HEIGHT - layout.height) / 2
     filled = [
-        *((place, _linear(color)) for place, color in layout.swatches),
+        # Materials take linear colours.
+        *((place, tuple(to_linear(np.array(color)).tolist())) for place, color in layout.swatches),
         *((tick, TEXT_COLOR) for tick in layout.ticks),
     ]
     for (left, bottom, right, top), color in filled:
@@ -244,11 +245,6 @@ def _add_legend(scene: bpy.types.Scene, wanted: Legend) -> None:
 def _width(text: str, size: float) -> float:
     """The approximate width of a text: without a window Blender measures no text before evaluating it."""
     return LETTER_WIDTH * size * len(text)
-
-
-def _linear(color: Sequence[float]) -> Color:
-    """An sRGB colour in the form of materials, linear."""
-    return tuple(to_linear(np.array(color)).tolist())
 
 
 def _add_rectangle(
