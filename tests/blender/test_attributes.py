@@ -154,11 +154,7 @@ def test_uv_maps_are_smoothed_as_the_modifier_does(uv_smooth: str) -> None:
             np.testing.assert_allclose(own, blenders, atol=full_mesh.UV_ROUNDING, rtol=0)
             continue
         surface = face_varying_surface(comparison.control, read(comparison.base, name), uv_smooth)
-        level, limits = (
-            uniform.refined_values(surface, surface.positions[:, :2], full_mesh.LEVEL, limit=limit)
-            for limit in (False, True)
-        )
-        np.testing.assert_allclose(level, blenders, atol=full_mesh.UV_ROUNDING, rtol=0)
+        limits = uniform.refined_values(surface, surface.positions[:, :2], full_mesh.LEVEL, limit=True)
         np.testing.assert_allclose(own, limits, atol=full_mesh.UV_ROUNDING, rtol=0)
         assert np.abs(limits - blenders).max() > 1e-3
 
@@ -311,15 +307,16 @@ def test_hidden_and_selected_parts_stay_whole() -> None:
 
 def test_results_of_ours_are_not_carried() -> None:
     holder = scene.add_suzanne()
-    holder.data.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
-    holder.data.attributes.active_color_name = "Paint"
+    for name in ("First", "Second"):
+        holder.data.attributes.new(name, "FLOAT_COLOR", "CORNER")
+    holder.data.attributes.active_color_name = "Second"
     addon.compute(holder, tolerance=0.05)
     bpy.ops.ccdepth.bake_colors()
     assert holder.data.attributes.active_color_name == "ccdepth_color"
     mesh = compare(holder).mesh
     assert not any(attribute.name.startswith("ccdepth") for attribute in mesh.attributes)
     assert not mesh.ccdepth.has_result
-    assert mesh.attributes.active_color_name == "Paint"
+    assert mesh.attributes.active_color_name == "Second"
     assert holder.data.ccdepth.has_result
 
 

@@ -470,21 +470,6 @@ def test_what_cannot_be_examined_is_not_current(monkeypatch: pytest.MonkeyPatch,
 
 
 @pytest.mark.every_blender
-def test_an_object_that_the_result_was_not_computed_for() -> None:
-    """It shares the mesh, so it shows the depths; but they were computed at another scale."""
-    holder = scene.add_suzanne()
-    other = scene.add_mesh(holder.data)
-    other.scale = (2.0, 2.0, 2.0)
-    addon.compute(holder)
-    bpy.context.view_layer.update()
-    expect(other, "Not computed for this object")
-    expect(holder, "")
-    addon.compute(holder, other)
-    bpy.context.view_layer.update()
-    expect(other, "")
-
-
-@pytest.mark.every_blender
 def test_a_change_while_depths_are_being_computed_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The record has what was read at the beginning, not what is there at the end."""
     holder = scene.add_object(meshes.landscape(8, 8))

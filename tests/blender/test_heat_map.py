@@ -183,11 +183,8 @@ def test_baked_colours_are_those_of_what_is_shown() -> None:
     assert (bounds > settings.distance_top).any()
 
 
-def test_colours_are_baked_in_edit_mode_and_not_carried_to_results() -> None:
+def test_colours_are_baked_in_edit_mode() -> None:
     holder = scene.add_object(meshes.cube(), "Cube")
-    for name in ("First", "Second"):
-        holder.data.attributes.new(name, "BYTE_COLOR", "CORNER")
-    holder.data.attributes.active_color_name = "Second"
     addon.compute(holder)
     with addon.edit_mode(holder):
         assert bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
@@ -195,10 +192,6 @@ def test_colours_are_baked_in_edit_mode_and_not_carried_to_results() -> None:
     assert addon.colors(holder).shape == (24, 4)
     assert holder.data.attributes.active_color_name == "ccdepth_color"
     assert not addon.module("state.out_of_date").is_stale(holder.data)
-    [result] = subdivide(holder)
-    assert [each.name for each in result.data.color_attributes] == ["First", "Second"]
-    assert result.data.attributes.active_color_name == "Second"
-    assert not bpy.ops.ccdepth.bake_colors.poll() or result.data.ccdepth.has_result
 
 
 def drawn(kind: Shown) -> list[Any]:

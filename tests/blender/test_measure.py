@@ -16,7 +16,6 @@ from mathutils import Quaternion, Vector
 from tests import meshes
 from tests.blender import addon, scene, snapshot
 from tests.blender.subdividing import refuses, subdivide
-from tests.blender.updating import set_scene
 
 pytestmark = pytest.mark.every_blender
 
@@ -106,18 +105,6 @@ def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     write([holder], [answer], tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0))
     record = holder.data.ccdepth
     assert record.deviation_reached < third < record.deviation
-
-
-def test_what_is_left_open_comes_from_the_scene() -> None:
-    set_scene(tolerance=0.25, accuracy=0.5, time_limit=0.5, use_modifiers=False)
-    holder = subdivided_cube()
-    holder.scale = (2.0, 2.0, 2.0)
-    addon.finish("measure", holder)
-    found = holder.data.ccdepth.measurement
-    assert (found.world_tolerance, found.accuracy, found.use_modifiers) == (0.25, 0.5, False)
-    # A tolerance may be a part of the diagonal.
-    bpy.ops.ccdepth.measure(tolerance=0.1, tolerance_mode="RELATIVE")
-    assert holder.data.ccdepth.measurement.world_tolerance == pytest.approx(0.1 * 4.0 * np.sqrt(3.0))
 
 
 def test_when_the_time_is_over_it_tells_what_is_proved(capfd: pytest.CaptureFixture[str]) -> None:

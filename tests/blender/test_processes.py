@@ -187,17 +187,6 @@ def test_a_file_that_takes_too_long_is_ended_alone(tmp_path: Path, capfd: Captur
     assert [("seconds" in row) for row in printed.out.splitlines()[1:]] == [True, True, False]
 
 
-def test_a_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
-    save_cubes(tmp_path / "slow.blend", "Cube")
-    words = [str(tmp_path / "slow.blend"), "--jobs", "1"]
-    with subprocess.Popen([*deadly_program(tmp_path), *words], stdout=subprocess.DEVNULL) as started:
-        # The first that tells its number does the file.
-        worker = process_noted(tmp_path)
-        assert worker != started.pid
-        started.kill()
-    wait_for_end(worker)
-
-
 HANGING = """
 def hang(path):
     note()
@@ -209,12 +198,12 @@ module("one_file").check_whole = hang
 
 @pytest.mark.parametrize(
     ("ending", "jobs"),
-    combinations([(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -signal.SIGKILL)], [[], ["--jobs", 1]]),
+    combinations([(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -signal.SIGKILL)], [["--jobs", 1], []]),
 )
 def test_a_run_that_is_ended_while_it_writes_leaves_nothing_for_ever(
     tmp_path: Path, ending: tuple[signal.Signals, int], jobs: list[object]
 ) -> None:
-    """What a run that was killed left is removed by the next one."""
+    """Nor a process of its own. What a run that was killed left is removed by the next one."""
     number, status = ending
     source, out = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out"
     out.mkdir()

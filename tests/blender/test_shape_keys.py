@@ -212,15 +212,6 @@ def test_temporary_copies_leave_no_keys(tmp_path: Path, operator: str, modifier:
     assert all(key.points[0].co.length > 0 for keys in bpy.data.shape_keys for key in keys.key_blocks)
 
 
-def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
-    holder = cube_with_keys(modifier=True)
-    refused(holder, match="are allowed", max_faces=7)
-    holder.modifiers.clear()
-    refused(holder, match="are allowed", max_faces=7)
-    refused(holder, match="greater than zero", tolerance=0.0)
-    check_keys(tmp_path, [holder.data.name])
-
-
 @pytest.mark.parametrize(
     ("module", "name"),
     [

@@ -639,12 +639,16 @@ def test_changes_during_a_run_make_its_outcome_out_of_date(
     assert line.endswith("changed")
 
 
-def test_a_duplicate_that_goes_away() -> None:
+def test_a_duplicate_of_another_scale_that_goes_away() -> None:
+    """It shares the mesh, so it shows the depths, which hold for it where they were computed for it as well."""
     first = scene.add_suzanne()
     second = scene.add_mesh(first.data)
     second.scale = (2.0, 2.0, 2.0)
+    addon.compute(first)
+    assert (stale_line(first), stale_line(second)) == ("", "Not computed for this object")
+    refuses("set_levels", "out of date", second)
     addon.compute(first, second)
-    assert stale_line(first) == ""
+    assert stale_line(first) == stale_line(second) == ""
     bpy.data.objects.remove(second)
     first.rotation_euler.x = 0.4
     assert stale_line(first) == mesh_line(first)
