@@ -49,18 +49,6 @@ def test_it_writes_what_the_core_finds(method: str, vertices: str) -> None:
     assert int(record.uniform_faces) == len(holder.data.loops) * 4 ** (record.uniform_level - 1)
 
 
-def test_a_relative_tolerance_is_a_part_of_the_dimensions_which_turning_does_not_change() -> None:
-    holder = scene.add_object(meshes.landscape(6, 4))
-    holder.scale = (1.0, 2.0, 0.5)
-    addon.compute(holder, tolerance=0.002, tolerance_mode="RELATIVE")
-    before, expected_tolerance = addon.depths(holder), pytest.approx(0.002 * holder.dimensions.length)
-    assert holder.data.ccdepth.world_tolerance == expected_tolerance
-    holder.rotation_euler = (0.3, 0.7, -1.1)
-    addon.compute(holder, tolerance=0.002, tolerance_mode="RELATIVE")
-    np.testing.assert_array_equal(addon.depths(holder), before)
-    assert holder.data.ccdepth.world_tolerance == expected_tolerance
-
-
 @pytest.mark.parametrize("scale", [(3.0, 3.0, 3.0), (1.0, 8.0, 0.3), (-2.0, 1.0, 1.0)])
 def test_scale_counts(scale: tuple[float, float, float]) -> None:
     holder = scene.add_suzanne()

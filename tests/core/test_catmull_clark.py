@@ -75,15 +75,6 @@ def test_whole_sharpness_is_infinite_for_so_many_steps(steps: int) -> None:
 
 
 @every_mesh
-def test_limit_positions_stay_the_same_from_level_to_level(name: str) -> None:
-    mesh = build(name, smooth_corners=False)
-    limits = limit_positions(mesh)
-    for _ in range(3):
-        mesh = subdivide(mesh).mesh
-        np.testing.assert_allclose(limit_positions(mesh)[: len(limits)], limits, rtol=0, atol=ROUNDING)
-
-
-@every_mesh
 def test_vertices_go_to_their_limits(name: str) -> None:
     mesh = build(name)
     np.testing.assert_allclose(after_many_levels(mesh), limit_positions(mesh), rtol=0, atol=NEARLY_THERE)
