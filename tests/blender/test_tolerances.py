@@ -240,6 +240,7 @@ BUDGETS: list[Any] = [
     ("hills", "RELATIVE", 1e-5, {}, 300),
     ("hills", "ABSOLUTE", 1.0, {}, 1_000),
     ("pole", "RELATIVE", 1e-3, PER_FACE, 2_000),
+    ("hills", "RELATIVE", 1e-3, PER_FACE, 300),
     ("Suzanne", "RELATIVE", 1e-4, {}, 500),
     *(
         pytest.param(name, "RELATIVE", 1e-6, division, most, marks=pytest.mark.thorough)
@@ -264,8 +265,9 @@ def test_it_fits_and_a_finer_one_does_not(
     counted = known_count(holder)
     assert not counted.are_too_many
     assert counted.faces == made_with(tolerance, holder) <= budget
-    # A little finer there may be fewer again, so the search ends near the budget, unless whole faces are divided.
-    assert division or counted.faces >= 0.97 * budget or made_with(tolerance / 1.1, holder) > budget
+    # A little finer there may be fewer again, so the search ends near the budget, unless faces at a pole are whole.
+    is_coarse = name == "pole" and bool(division)
+    assert is_coarse or counted.faces >= 0.97 * budget or made_with(tolerance / 1.1, holder) > budget
 
 
 def test_a_flat_mesh_gets_the_least_tolerance_that_is_taken() -> None:
