@@ -114,7 +114,10 @@ def _animated_levels(blender_object: bpy.types.Object) -> str | None:
 
 def _keyframes(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
     """The curves of the object's action, and of the actions on its tracks."""
-    for user in [animation, *(strip for track in animation.nla_tracks for strip in track.strips)]:
+    users = [animation, *(strip for track in animation.nla_tracks for strip in track.strips)]
+    for user in users:
+        # A meta strip has strips of its own.
+        users.extend(getattr(user, "strips", ()))
         if user.action is None:
             continue
         if not hasattr(user, "action_slot"):

@@ -196,9 +196,28 @@ def key_on_a_track(modifier: bpy.types.Modifier) -> None:
     animation.action = None
 
 
+def key_in_a_meta_strip(modifier: bpy.types.Modifier) -> None:
+    key_on_a_track(modifier)
+    addon.select(modifier.id_data)
+    [track] = modifier.id_data.animation_data.nla_tracks
+    track.select = track.strips[0].select = True
+    window = bpy.context.window_manager.windows[0]
+    area = window.screen.areas[0]
+    kind, area.type = area.type, "NLA_EDITOR"
+    with bpy.context.temp_override(window=window, area=area, region=area.regions[-1]):
+        assert bpy.ops.nla.meta_add() == {"FINISHED"}
+    area.type = kind
+    assert [strip.action for strip in track.strips] == [None]
+
+
 @pytest.mark.parametrize(
     ("animate", "subject"),
-    [(drive, "a driver sets"), (key, "keyframes set"), (key_on_a_track, "keyframes set")],
+    [
+        (drive, "a driver sets"),
+        (key, "keyframes set"),
+        (key_on_a_track, "keyframes set"),
+        (key_in_a_meta_strip, "keyframes set"),
+    ],
 )
 def test_levels_that_animation_would_undo_are_refused(
     animate: Callable[[bpy.types.Modifier], None], subject: str
