@@ -115,7 +115,7 @@ def evaluated_objects(
 
 
 def refuse_impossible(source: Path | None, output: Path | None, options: Namespace) -> None:
-    """Raise CommandError for a file that cannot be read, and for outputs that cannot be written."""
+    """Raise CommandError for an unreadable file, and for outputs that cannot be written."""
     if source is not None:
         if source.suffix.lower() not in INPUTS:
             raise CommandError(f"{source}: not a {names_of(INPUTS)} file")

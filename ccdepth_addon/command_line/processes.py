@@ -106,7 +106,7 @@ def answer(mark: str, entry: FileEntry) -> str:
 
 
 class _Worker:
-    """A process that does files, replaced by another after a file that ends it."""
+    """A process for files, replaced by another after a file that ends it."""
 
     def __init__(self, command: Sequence[str], mark: str, options: Namespace) -> None:
         self._command, self._mark, self._options = command, mark, options

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import bpy
 
-# Blender's options that begin the arguments of other programs, and its options that switch scripts on and off.
+# Blender's options before the arguments of other programs, and its options that switch scripts on and off.
 ENDS = ("-c", "--command", "--")
 ON, OFF = ("-y", "--enable-autoexec"), ("-Y", "--disable-autoexec")
 

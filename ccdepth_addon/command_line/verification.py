@@ -34,7 +34,7 @@ PART_OF_TOLERANCE = 1e-3
 # More levels than a Subdivision Surface modifier has.
 MOST_LEVELS = 16
 
-# The fields that stay the same, and the fields that may be larger than proved now; distances differ by ROUNDING.
+# The fields with the same value, and the fields that may be larger than proved now; distances differ by ROUNDING.
 EXACT = ("faces", "vertices", "result", "result_faces", "triangles", "closed", "oriented")
 AT_LEAST = ("deepest", "level")
 

@@ -138,8 +138,8 @@ class Evaluated:
         return mesh
 
     def loss_of_faces(self, blender_object: bpy.types.Object, base_faces: IndexArray) -> str | None:
-        """The name of the modifier that merges or replaces faces, and which of both, or None. base_faces: the origins
-        of the made mesh's faces."""
+        """The modifier that merges or replaces faces, by name, with its way to do so; None without one. base_faces: the
+        origins of the made mesh's faces."""
         if len(present_faces(base_faces)) == self._copies[blender_object.session_uid].faces:
             return None
         if self._losing is None:

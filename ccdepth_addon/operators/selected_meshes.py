@@ -34,7 +34,7 @@ def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 class MeshOperator(bpy.types.Operator):
-    """An operator that works on mesh objects, and unless it says otherwise is one step of undo, which can be adjusted.
+    """An operator on mesh objects; unless it says otherwise it is one step of undo, and can be adjusted.
 
     not_in_edit_mode: the reason why it does not work in Edit Mode, if any.
     """

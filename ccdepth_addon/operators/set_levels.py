@@ -130,7 +130,7 @@ def _keyframes(animation: bpy.types.AnimData) -> Iterator[bpy.types.FCurve]:
 
 
 def _way_out(blender_object: bpy.types.Object, deep: mesh_values.TooDeep, settings: bpy.types.PropertyGroup) -> str:
-    """A hint at the faces that need the level, and at the operator that divides the others less."""
+    """A hint at the faces that need the level, and at the operator for dividing the others less."""
     if not deep.faces_beyond:
         return ""
     cause = count_text(deep.faces_beyond, "face needs", "faces need")

@@ -201,7 +201,7 @@ def _set(holders: set[int], holder: bpy.types.ID, wanted: bool) -> None:
 
 
 def _users_of_values(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
-    """The meshes among these that hold depths or deviations, and the objects that use each."""
+    """The meshes among these with depths or deviations, and the objects that use each."""
     users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {
         mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and mesh_values.has_any(mesh)
     }

@@ -138,8 +138,8 @@ def forget(blender_object: bpy.types.Object) -> None:
 
 
 def source_checksum(source: bpy.types.Object, *, use_modifiers: bool) -> str:
-    """A checksum of everything in a source that shapes its results, without materials, and without weights that no
-    modifier depends on; not in Edit Mode."""
+    """A checksum of everything in a source that shapes its results, without materials, and without weights read by no
+    modifier; not in Edit Mode."""
     content = content_checksum(source.data)
     state = object_state(source, use_modifiers=use_modifiers)
     return f"{crc32(state.checksum.encode(), content):08x}"

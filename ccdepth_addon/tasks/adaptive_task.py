@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Objects → the adaptive meshes to make, and their tolerances with all rounding.
 
-Objects that use one mesh get one result together, made for the object that no other dominates by scale and tolerance.
+Objects with one mesh get one result together, made for the object that no other dominates by scale and tolerance.
 """
 
 from __future__ import annotations

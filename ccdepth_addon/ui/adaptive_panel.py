@@ -87,7 +87,7 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
 
 
 def _draw_left_hidden(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """The hidden results whose sources were deleted, with a button that shows the results."""
+    """The hidden results without a source any more, with a button that shows them."""
     left = result_record.left_hidden(context)
     if left:
         name = f"“{left[0].name}” is" if len(left) == 1 else f"{len(left):,} results are"

@@ -137,7 +137,7 @@ def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
 def _draw_too_deep(
     layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, objects: list[bpy.types.Object]
 ) -> None:
-    """The number of faces that need more levels than can be set, with buttons that select these faces and divide the
+    """The number of faces that need more levels than can be set, with buttons to select these faces and to divide the
     others less."""
     deep = [found for each in objects if (found := too_deep(each.data.ccdepth, settings.max_faces))]
     fitting = min((each.fitting for each in deep), default=0)
@@ -201,7 +201,7 @@ def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> No
 def draw_selecting(
     layout: bpy.types.UILayout, context: bpy.types.Context, operator: str, icon: str
 ) -> bpy.types.UILayout:
-    """A button that selects faces, and beside it in Object Mode a button that edits the selected faces."""
+    """A button that selects faces, and beside it in Object Mode a button for editing the selected faces."""
     row = layout.row(align=True)
     row.operator(operator, icon=icon)
     if context.mode == "OBJECT":

@@ -2,11 +2,11 @@
 """The trees over the faces of a control mesh: rectangles of parameters, and their connections.
 
 The roots are control faces. A quad is split into two halves, along its parameter u or v, or into four quarters; any
-other face into one quad for each corner. Every node has one slot for each corner, which also stands for the side from
-that corner to the next. Splitting a node splits sides of it; edges form trees of their own, shared by all nodes along
-them, so the sides of a leaf alone tell whether the leaves across are split, on a boundary, on a crease where three
-faces meet, or inside. A chain from slot to slot connects all slots along an edge, so that a split finds the leaves it
-concerns.
+other face into one quad for each corner. Every node has one slot for each corner; the slot also stands for the side
+from there to the next corner. Splitting a node splits sides of it; edges form trees of their own, shared by all nodes
+along them, so the sides of a leaf alone tell whether the leaves across are split, on a boundary, on a crease where
+three faces meet, or inside. A chain from slot to slot connects all slots along an edge, so that a split finds the
+leaves it concerns.
 
 The slots of a half are at the same corners as those of its parent. The quarter at slot s has slots at the vertex of s,
 the middle of side s, the centre, and the middle of the side before, in this order: that of ``catmull_clark.subdivide``.

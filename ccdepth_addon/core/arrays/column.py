@@ -13,7 +13,7 @@ SLACK = 1.5
 
 
 class Column:
-    """An array that grows at its end: read and write ``values``, which growth replaces."""
+    """An array that grows at its end: read and write ``values``; growth replaces these."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self._room = values.copy()

@@ -365,7 +365,7 @@ class _CertifiedSearch:
     def _refine(
         self, decision: LevelDecision, refinement: Refinement, facets: FloatArray
     ) -> tuple[Refinement, FloatArray]:
-        """The children that are no patches, with the facets over them; children that are patches are evaluated."""
+        """The children that are no patches, with the facets over them; all other children are evaluated."""
         if not len(refinement.bases):
             return refinement, facets
         facets = refinement.facets_of_children(facets)

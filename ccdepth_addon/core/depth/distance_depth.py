@@ -194,7 +194,7 @@ class _SomeFaces:
         return np.where(bounds <= self.limit, bounds, np.inf)
 
     def lower_deepest(self, whole: FaceDepths, passed: IndexArray) -> None:
-        """Lower the deepest depths of the faces to the least level that the others allow, and that leaves prove.
+        """Lower the deepest depths of the faces to the least level allowed by the others and proved by leaves.
         passed: (n,) intp, the first level passed over of each face, ``NO_LEVEL`` without one."""
         least, deepest = int(np.minimum(whole.depths, passed).max(initial=0)), int(whole.depths.max(initial=0))
         for level in range(least, deepest):

@@ -16,8 +16,8 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, classify_patches
 from ..surface.refinement import Refinement
 
-# The number of rings of leaves around the wanted leaves: one ring over which the surface counts as well, and one more
-# for the triangles around that ring.
+# The number of rings of leaves around the wanted leaves: one ring where the surface counts as well, and one more for
+# the triangles around.
 RINGS = 2
 
 # Regular parts are divided into leaves up to this number of times; if the level is farther away, up to the smaller

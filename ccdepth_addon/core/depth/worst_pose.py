@@ -22,7 +22,7 @@ ALIKE = 1e-6
 
 @dataclass(frozen=True)
 class WorstPose:
-    """The worst pose: among the poses that themselves need the deepest depth, the pose with the largest proved distance
+    """The worst pose: among the poses with the deepest depth themselves, the pose with the largest proved distance
     of a face at that depth. pose: its index. depth: the deepest depth. share: the distance, in parts of the tolerance.
     """
 

@@ -20,7 +20,7 @@ from .bezier_pieces import BezierPieces, bilinear_pieces
 from .columns import NONE, columns
 from .triangles import needle_thickness, to_triangles
 
-# The number of times that cells are quartered, and that bicubic patches are halved.
+# How many times cells are quartered, and bicubic patches halved.
 QUARTERED, HALVED_TIMES = 11, 3
 
 # Places in a leaf are counted along both of its sides in steps of this part; of its corners; the corner after each.
@@ -168,7 +168,7 @@ def _quartered(pieces: BezierPieces, roofs: Roofs, cells: Cells) -> Cells:
     corners[:, 8] = cells.corners[:, [0, 2]].sum(axis=1) // 2
     start, end = cells.images, cells.images[:, FOLLOWING]
     images = np.concatenate([start, (start + end) / 2, start[:, :1]], axis=1)
-    # Sides between two of the cells are bent; beyond others the image is that of a cell that is not quartered.
+    # Sides between two of the cells are bent; beyond others the image is the one of an undivided cell.
     keys = cells.leaves[:, None] * PLACES**2 + corners[:, 4:8]
     _, where, times = np.unique(keys, return_inverse=True, return_counts=True)
     is_bent = np.concatenate([times[where].reshape(count, 4) == 2, np.ones((count, 1), dtype=bool)], axis=1)

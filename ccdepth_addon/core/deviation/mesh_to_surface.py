@@ -21,8 +21,8 @@ from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
 from .triangles import Triangles, distance_slack, to_triangles
 
-# The number of parts whose corners are tried for reached distances, the number of corners that are then measured, and
-# the relative accuracy.
+# The number of parts with corners tried for reached distances, the number of corners measured then, and the relative
+# accuracy.
 LOOKED_AT, MEASURED, MEASURED_SHARE = 512, 16, 0.005
 
 # Pieces larger than this part of the triangle they are compared with are split for it; where they are below the other

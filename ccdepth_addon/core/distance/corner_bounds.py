@@ -77,8 +77,8 @@ def _may_meet_flaps(
 
 
 def bounds_around(shell: Shell, pieces: Pieces) -> FloatArray:
-    """(P,): bounds for pieces over triangles that share a corner with their own, over all triangles that the piece may
-    meet; infinite for other pieces."""
+    """(P,): bounds for pieces over triangles that share a corner with their own, over all triangles within the piece's
+    reach; infinite for other pieces."""
     own, vertices = pieces.triangles, shell.triangles.vertices[pieces.triangles]
     points = all_points(pieces)
     counts = np.diff(shell.star_starts)

@@ -35,12 +35,11 @@ FINER = {
 class FramedPieces:
     """P pieces in the frames of their triangles.
 
-    own: (P,), the triangles; turns: (P,), the corner of each that counts as corner 0, and the side that counts as side
-    0. corners, vectors: (3, P, 3), T and N; sides: (3, P, 3), from corner k to k + 1; points: (R, P, 3), the hull
-    points, seen from corner 0. radii: (3, P), bounds of the distance of hull and drawn points from each corner.
-    on_vectors: the rows of hull points that may be at corners, and whether each lies on the vector of each corner,
-    (3, n, P). sizes: (P,), the longest sides of the triangles. heights: (P,), the largest heights over the triangles'
-    planes.
+    own: (P,), the triangles; turns: (P,), the corner and the side of each that count as corner 0 and side 0. corners,
+    vectors: (3, P, 3), T and N; sides: (3, P, 3), from corner k to k + 1; points: (R, P, 3), the hull points, seen from
+    corner 0. radii: (3, P), bounds of the distance of hull and drawn points from each corner. on_vectors: the rows of
+    hull points that may be at corners, and whether each lies on the vector of each corner, (3, n, P). sizes: (P,), the
+    longest sides of the triangles. heights: (P,), the largest heights over the triangles' planes.
     """
 
     own: IndexArray

@@ -111,7 +111,7 @@ def _regular_at_sharp_edges(mesh: PolygonMesh, corners: IndexArray, rules: NDArr
 
 
 def faces_on_grids(mesh: PolygonMesh) -> BoolArray:
-    """(F,) bool: quads with a net that is a 4 × 4 grid (``regular_nets``) by its topology, semi-sharp or not, and a
+    """(F,) bool: quads with a 4 × 4 grid for a net (``regular_nets``) by its topology, semi-sharp or not, and a
     surface that reproduces bilinear functions of the places [i, j] on the grid.
 
     With (i, j) for positions, the smooth rules, the crease rule along a line of the grid, midpoints of sharp edges and
