@@ -230,7 +230,8 @@ def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
         elif uid in _edited:
             _edited.discard(uid)
             _left.add(uid)
-    return bool(_touched or _touched_sources)
+    # Results that are due wait for the end of other work.
+    return bool(_touched or _touched_sources or _due)
 
 
 def _notice_change(mesh: bpy.types.Mesh, geometry: bool) -> None:

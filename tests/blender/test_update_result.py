@@ -442,6 +442,12 @@ def test_an_edit_is_followed_unless_the_result_was_edited_itself(kept: Kept) -> 
     source, result = kept
     edit(source)
     assert due() == [result]
+    # Any update may end what the result waits for.
+    examine = addon.module("state.watch").examine
+    addon.module("registration").do_not_call(examine)
+    scene.add_object(meshes.cube(), "Other")
+    bpy.context.view_layer.update()
+    assert bpy.app.timers.is_registered(examine)
     assert bpy.ops.ccdepth.update_kept() == {"FINISHED"}
     assert shape(result)[:, 0].max() > 3.0
     assert not due()
