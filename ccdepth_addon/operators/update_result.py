@@ -16,8 +16,9 @@ from .long_operator import NAVIGATION_EVENTS
 from .place_results import place_in_results
 from .selected_meshes import LINKED, refuse, selected_meshes
 
-# The prefixes of operators for which results with Keep Updated wait.
-OPERATORS_WAITED_FOR = ("CCDEPTH_OT_", "TRANSFORM_OT_")
+# The prefixes of operators, and the jobs, for which results with Keep Updated wait.
+OPERATORS_WAITED_FOR = ("CCDEPTH_OT_", "TRANSFORM_OT_", "RENDER_OT_opengl")
+JOBS_WAITED_FOR = ("RENDER", "OBJECT_BAKE")
 
 NOT_EVALUATED = "it is in no shown collection of this view layer, so its size in the scene is not known; show it first"
 
@@ -156,7 +157,8 @@ def _start_keeping_updated() -> bool:
     manager = bpy.context.window_manager
     is_due = bool(out_of_date.due_results()) and not bpy.app.background
     for window in manager.windows if manager and is_due else ():
-        if any(each.bl_idname.startswith(OPERATORS_WAITED_FOR) for each in window.modal_operators):
+        running = any(each.bl_idname.startswith(OPERATORS_WAITED_FOR) for each in window.modal_operators)
+        if running or any(map(bpy.app.is_job_running, JOBS_WAITED_FOR)):
             watch.examine_soon()
             break
         area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
