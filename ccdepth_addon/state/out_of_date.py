@@ -73,6 +73,7 @@ def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
     the writing of the depths."""
     still_holds.remember_depths(mesh, *given)
     _stale.discard(mesh.session_uid)
+    _uncovered.difference_update(each.session_uid for each in bpy.data.objects if each.data == mesh)
     _own_writes.add(mesh.session_uid)
 
 

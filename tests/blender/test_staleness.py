@@ -648,6 +648,7 @@ def test_a_duplicate_of_another_scale_that_goes_away() -> None:
     assert (stale_line(first), stale_line(second)) == ("", "Not computed for this object")
     refuses("set_levels", "out of date", second)
     addon.compute(first, second)
+    assert not addon.module("state.out_of_date").is_uncovered(second), "told before anything is examined"
     assert stale_line(first) == stale_line(second) == ""
     bpy.data.objects.remove(second)
     first.rotation_euler.x = 0.4
