@@ -12,7 +12,7 @@ import bpy
 from ..state.colors import LAST_DEPTH, depth_colors
 from ..state.heat_map import Shown, tolerance_of, top
 from . import deviation_panel, panels
-from .lengths import Rounding, in_unit, length_text, number_text, unit_for
+from .lengths import DIGITS, Rounding, enough_digits, in_unit, length_text, number_text, unit_for
 from .selected_objects import faces_by_depth, lengths_text
 
 Color = tuple[float, ...]
@@ -66,11 +66,11 @@ def legend(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Obje
         tolerance = tolerance_of(mesh, kind)
         found[tolerance] = max(found.get(tolerance, 0.0), _largest(mesh, kind))
     name = short_name(objects[0].name) if len(objects) == 1 else f"{len(objects):,} objects"
-    notes = [f"for {lengths_text(scene, found)}", name]
     alert = _alert(scene.ccdepth, kind, objects)
     if kind is Shown.DEPTH:
+        notes = [f"for {lengths_text(scene, found)}", name]
         return Legend(kind.title, notes, alert, rows=depth_rows(objects))
-    return _distances(scene, kind, found, Legend(kind.title, notes, alert))
+    return _distances(scene, kind, found, Legend(kind.title, [name], alert))
 
 
 def short_name(name: str) -> str:
@@ -96,6 +96,10 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
     largest = max(found.values())
     tops = {top(kind, tolerance, scene.ccdepth) for tolerance in found}
     unit = unit_for(scene, max(tops))
+    digits = enough_digits(in_unit(scene, largest, unit), in_unit(scene, max(found), unit))
+    notes = [f"for {lengths_text(scene, found, digits)}", *plain.notes]
+    if largest:
+        notes.append(f"Largest {length_text(scene, largest, Rounding.UP, digits)}")
     if len(tops) == 1:
         [last] = tops
         ends, name = (in_unit(scene, last, unit), in_unit(scene, min(found), unit)), unit.name
@@ -103,14 +107,14 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
         ends, name = (Decimal(100), Decimal(100)), "%"
     return Legend(
         f"{plain.title} ({name})" if name else plain.title,
-        [*plain.notes, *([f"Largest {length_text(scene, largest, Rounding.UP)}"] if largest else [])],
+        notes,
         plain.alert,
-        marks=lambda gap: distance_marks(*ends, gap),
+        marks=lambda gap: distance_marks(*ends, gap, digits),
         has_beyond=any(length > top(kind, tolerance, scene.ccdepth) for tolerance, length in found.items()),
     )
 
 
-def distance_marks(top: Decimal, tolerance: Decimal, gap: float) -> list[Mark]:
+def distance_marks(top: Decimal, tolerance: Decimal, gap: float, digits: int = DIGITS) -> list[Mark]:
     """The marks of a scale up to ``top``, from the lowest on. gap: the height of a number, as a part of the scale's."""
     wanted = [(tolerance, TOLERANCE)] if tolerance <= top else []
     wanted += [(top, ""), *((number, "") for number in round_numbers(top))]
@@ -118,7 +122,7 @@ def distance_marks(top: Decimal, tolerance: Decimal, gap: float) -> list[Mark]:
     for number, note in wanted:
         height = float(number / top)
         if all(abs(height - other.height) >= gap for other in marks):
-            marks.append(Mark(height, number_text(number), note))
+            marks.append(Mark(height, number_text(number, digits=digits), note))
     return sorted(marks, key=lambda mark: mark.height)
 
 

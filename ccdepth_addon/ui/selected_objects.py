@@ -10,7 +10,7 @@ import bpy
 
 from ..state import heat_map, known, mesh_values, result_record
 from ..state.heat_map import Shown
-from .lengths import common_unit, length_text
+from .lengths import DIGITS, common_unit, length_text
 
 # Without anything selected, the legend looks through no more objects than this.
 MOST_SEARCHED = 1000
@@ -69,11 +69,11 @@ def faces_by_depth(objects: Iterable[bpy.types.Object]) -> Counter[int]:
     return counts
 
 
-def lengths_text(scene: bpy.types.Scene, lengths: Iterable[float]) -> str:
-    """One length, or the least and the largest of several."""
+def lengths_text(scene: bpy.types.Scene, lengths: Iterable[float], digits: int = DIGITS) -> str:
+    """One length, or the least and the largest of several, to some significant digits."""
     found = {*lengths}
     unit = common_unit(scene, found)
-    least, largest = (length_text(scene, each, unit=unit) for each in (min(found), max(found)))
+    least, largest = (length_text(scene, each, digits=digits, unit=unit) for each in (min(found), max(found)))
     if least == largest:
         return least
     return f"{least if unit is None else least.split()[0]}–{largest}"

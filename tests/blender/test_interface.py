@@ -137,6 +137,10 @@ def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance_or_in_parts
     assert record.largest_bound <= float(legend.notes[2].split()[1]) <= 1.001 * record.largest_bound
     assert [(mark.number, mark.note) for mark in legend.marks(0.1)][-1] == ("0.03", "tolerance")
     assert not legend.has_beyond
+    # With four digits the largest distance would seem to exceed the tolerance.
+    record.world_tolerance, record.largest_bound = 0.0375337, 0.0375332
+    assert shown_legend().notes == ["for 0.037534 m", result.name, "Largest 0.037534 m"]
+    assert shown_legend().marks(0.1)[-1].number == "0.037534"
     settings.distance_range, settings.distance_top = "FIXED", 0.01
     legend = shown_legend()
     marks = legend.marks(0.1)
