@@ -226,7 +226,8 @@ def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
     uid = holder.session_uid
     if uids_of_results(uid):
         _touched_sources.add(uid)
-        if holder.mode == "EDIT":
+        # Another object may edit the mesh.
+        if holder.type == "MESH" and holder.data.is_editmode:
             _edited.add(uid)
         elif uid in _edited:
             _edited.discard(uid)

@@ -452,6 +452,10 @@ def test_an_edit_is_followed_unless_the_result_was_edited_itself(kept: Kept) -> 
     assert shape(result)[:, 0].max() > 3.0
     assert not due()
     assert bpy.context.view_layer.objects.active == source
+    # The mesh is edited on another object.
+    edit(linked_copy(source))
+    assert due() == [result]
+    update(result)
     move_vertex(result.data)
     edit(source)
     assert not due()
