@@ -94,7 +94,13 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         """Make the results with the settings of the first one anew; the others have their turn later."""
-        first, *others = _due_in(context)
+        due = _due_in(context)
+        # Edited while they waited.
+        edited = [each for each in due if result_record.is_edited(each)]
+        out_of_date.no_longer_due(each.session_uid for each in edited)
+        if len(edited) == len(due):
+            return {"CANCELLED"}
+        first, *others = (each for each in due if each not in edited)
         record = first.ccdepth
         settings = result_record.made_with(record, record.tolerance)
         alike = [each for each in others if result_record.made_with(each.ccdepth, each.ccdepth.tolerance) == settings]

@@ -455,8 +455,11 @@ def test_an_edit_is_followed_unless_the_result_was_edited_itself(kept: Kept) -> 
     # The mesh is edited on another object.
     edit(linked_copy(source))
     assert due() == [result]
-    update(result)
+    # So may the result, while it waits.
     move_vertex(result.data)
+    edited = result.data
+    assert bpy.ops.ccdepth.update_kept() == {"CANCELLED"}
+    assert result.data == edited
     edit(source)
     assert not due()
 
