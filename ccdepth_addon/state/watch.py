@@ -69,6 +69,9 @@ def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
 
 @persistent
 def _notice_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    # Renders are evaluated in threads of their own, which must not touch timers, and the shown frame stays.
+    if depsgraph.mode == "RENDER":
+        return
     _notice_updates(scene, depsgraph)
     _tell([client.frame_changed() for client in clients])
 

@@ -458,6 +458,17 @@ def test_a_count_of_faces_is_forgotten() -> None:
 
 
 @pytest.mark.every_blender
+def test_a_render_leaves_a_count_of_faces() -> None:
+    holder, render = scene.add_suzanne(), bpy.context.scene.render
+    addon.finish("count_faces", holder)
+    bpy.context.scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    render.engine, render.resolution_x, render.resolution_y = "CYCLES", 4, 4
+    bpy.context.scene.cycles.samples, bpy.context.scene.cycles.use_denoising = 1, False
+    bpy.ops.render.render()
+    assert known_count(holder) is not None
+
+
+@pytest.mark.every_blender
 def test_what_cannot_be_examined_is_not_current(monkeypatch: pytest.MonkeyPatch, capfd: Capture) -> None:
     holder = scene.add_suzanne()
     addon.compute(holder)
