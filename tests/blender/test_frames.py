@@ -478,21 +478,3 @@ def test_what_cannot_be_examined_is_not_current(monkeypatch: pytest.MonkeyPatch,
     bpy.context.view_layer.update()
     expect(holder, mesh_line(holder))
     assert "LookupError: odd" in capfd.readouterr().err
-
-
-@pytest.mark.every_blender
-def test_a_change_while_depths_are_being_computed_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The record has what was read at the beginning, not what is there at the end."""
-    holder = scene.add_object(meshes.landscape(8, 8))
-    module = addon.module("operators.compute_depth")
-    write = module.mesh_values.write_depths
-
-    def change(*given: object) -> None:
-        holder.scale.x = 2.0
-        holder.data.vertices[0].co.z += 0.5
-        bpy.context.view_layer.update()
-        write(*given)
-
-    monkeypatch.setattr(module.mesh_values, "write_depths", change)
-    addon.compute(holder)
-    assert told_by_the_panel(holder).startswith("Out of date: mesh")
