@@ -83,6 +83,11 @@ class Regions:
         sides = SideViews(self.sides.inward, self.sides.offsets + outwards)
         return replace(self, sides=sides, places=self.places + steps, towards=towards, moved=moved)
 
+    def rises(self) -> FloatArray:
+        """(n,): by how much the planes of the triangles rise or fall, along the directions, over the way moved."""
+        plane, _, _, _ = plane_functionals(self.normals, self.corners, self.directions)
+        return np.abs(products(plane, (self.towards[:, None] * self.axes).sum(axis=0))) * self.moved
+
     def least(self, towards: FloatArray) -> FloatArray:
         """(n,): the least coordinates of the parts along directions (2, n), seen from ``places``."""
         return (self._across() * towards[:, None]).sum(axis=0).min(axis=0)
@@ -170,7 +175,7 @@ def over_pieces(
         covered = covering.has_partners & _winds_once(covering.over, len(chosen), margin)
         covered &= _is_beyond_border(moved, covering, margin)
         found, leaves, more = _heights(moved, covering.over, covered, goals[chosen], margin)
-        upper[chosen], worst[chosen] = np.hypot(found, moved.moved), leaves
+        upper[chosen], worst[chosen] = np.hypot(found + moved.rises(), moved.moved), leaves
         blamed = np.concatenate([blamed, more])
     return upper, worst, np.unique(blamed)
 
