@@ -282,11 +282,10 @@ def _add_object(
 
 
 def _write_picture(scene: bpy.types.Scene, path: Path) -> None:
-    # Blender 5.2 finds no folder in a bare name.
-    scene.render.filepath = str(path.absolute())
-    scene.render.use_file_extension = False
     try:
-        bpy.ops.render.render(write_still=True, scene=scene.name)
+        bpy.ops.render.render(scene=scene.name)
+        result = next(each for each in bpy.data.images if each.type == "RENDER_RESULT")
+        result.save_render(str(path.absolute()), scene=scene)
     except RuntimeError as fault:
         raise CommandError(f"the picture could not be rendered: {fault}") from fault
     if not path.is_file():

@@ -279,13 +279,16 @@ def test_all_objects_are_in_the_picture_whatever_their_size(tmp_path: Path) -> N
 
 
 @pytest.mark.every_blender
-def test_its_name_may_have_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a new file, which has no folder either."""
+@pytest.mark.parametrize("folder", ["", "{blend_name}"])
+def test_its_name_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str) -> None:
+    """In a new file, which has no folder either. Braces are variables in the output of Blender 5."""
+    (tmp_path / folder).mkdir(exist_ok=True)
     monkeypatch.chdir(tmp_path)
     holder = scene.add_object(meshes.cube())
     addon.compute(holder)
-    picture.render(bpy.context, [holder], Path("picture.png"), "Title", "Subtitle", size=picture.SMALL)
-    assert [each.name for each in tmp_path.iterdir()] == ["picture.png"]
+    path = Path(folder) / "picture.png"
+    picture.render(bpy.context, [holder], path, "Title", "Subtitle", size=picture.SMALL)
+    assert [each for each in Path().rglob("*") if each.is_file()] == [path]
 
 
 def test_the_line_under_several_measured_objects_has_the_tolerance_of_the_worst() -> None:
