@@ -244,6 +244,11 @@ def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
     return options.output_folder / f"{os.fsdecode(stem)}{suffix}"
 
 
+def reports_in(folder: Path) -> list[Path]:
+    """The JSON reports in a folder, in the order of their names; hidden files belong to killed runs or to systems."""
+    return sorted(folder.glob("[!.]*.json"))
+
+
 def is_measured(options: argparse.Namespace) -> bool:
     """Whether to measure made meshes as written."""
     return bool(options.measure or options.json or options.csv or options.html)
@@ -296,7 +301,8 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
     twice = next((place for place in places if places.count(place) > 1), None)
     if twice is not None:
         return f"several files would be written to {twice}"
-    sources = {place for source in options.files for place in (_place(source), Path(os.path.realpath(source)))}
+    read = options.files if options.gather is None else reports_in(options.gather)
+    sources = {place for source in read for place in (_place(source), Path(os.path.realpath(source)))}
     # A report names read files by their checksums.
     kept = places if options.json or options.csv or options.html else others
     replaced = next((place for place in kept if place in sources), None)

@@ -15,7 +15,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import bpy
 
 from ..core import VERTICES
-from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE
+from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE, reports_in
 from .report import FORMAT, FORMAT_VERSION, PROGRAM, ROUNDING, FileEntry, Frame, ObjectEntry, Report, without_links
 
 OLD_VERSION = 1
@@ -36,7 +36,7 @@ def gathered_reports(folder: Path) -> Report:
     Raises ReportError without any report, for a report of another action, program or Blender, and for two reports that
     read or write the same file; and OSError.
     """
-    paths = sorted(folder.glob("*.json"))
+    paths = reports_in(folder)
     if not folder.is_dir():
         raise ReportError(f"{folder}: there is no such folder")
     if not paths:

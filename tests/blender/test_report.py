@@ -352,6 +352,7 @@ def parts(tmp_path: Path) -> Path:
 
 def test_the_parts_make_the_report_of_one_run(tmp_path: Path, parts: Path, capfd: Capture) -> None:
     whole, gathered = tmp_path / "whole.json", tmp_path / "gathered.json"
+    (parts / "._1.json").write_bytes(b"\xff")
     assert run(tmp_path / "cubes.blend", tmp_path / "missing.obj", *LINE, "--json", whole) == 1
     capfd.readouterr()
     assert run("--gather", parts, "--json", gathered, "--csv", tmp_path / "all.csv", "--html", tmp_path / "a.html") == 1
@@ -361,8 +362,10 @@ def test_the_parts_make_the_report_of_one_run(tmp_path: Path, parts: Path, capfd
     assert "cubes.blend" not in told
     assert len((tmp_path / "all.csv").read_text(encoding="utf-8").splitlines()) == 4
     assert "there is no such file" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    line = ["--gather", parts, "--overwrite", "--json"]
+    assert "1.json is read, and would be replaced" in said(capfd, *line, parts / "1.json", status=2)
     (parts / "2.json").unlink()
-    assert run("--gather", parts, "--json", gathered, "--overwrite") == 0
+    assert run(*line, gathered) == 0
 
 
 @pytest.mark.parametrize(
