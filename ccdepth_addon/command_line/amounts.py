@@ -75,10 +75,10 @@ def face_limit(text: str) -> int:
 def face_budget(text: str) -> int:
     """A number of faces from 50k, 1.5M or 50000. Raises ArgumentTypeError."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([km]?)", text.strip().lower())
-    faces = round(float(found[1]) * MULTIPLES[found[2]]) if found else 0
+    faces = float(found[1]) * MULTIPLES[found[2]] if found else 0.0
     if not 1 <= faces <= LARGEST_FACE_COUNT:
         raise ArgumentTypeError(f"“{text}” is not a number of faces: give one like 50000, 50k or 1.5M")
-    return faces
+    return round(faces)
 
 
 def whole_number(text: str) -> int:

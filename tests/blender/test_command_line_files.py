@@ -61,6 +61,8 @@ def test_tolerances_and_numbers_of_faces_as_typed() -> None:
         assert (typed.value, typed.unit, typed.mode) == (pytest.approx(0.001), None, mode)
     for text, faces in (("50000", 50_000), ("50k", 50_000), ("1.5M", 1_500_000), ("2", 2)):
         assert amounts.face_budget(text) == faces
+    with pytest.raises(amounts.ArgumentTypeError):
+        amounts.face_budget("9" * 309)
 
 
 @pytest.mark.parametrize(("scale", "expected"), [(1.0, 0.002), (0.001, 2.0), (0.01, 0.2)])
