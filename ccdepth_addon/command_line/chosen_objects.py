@@ -28,9 +28,11 @@ def chosen_objects(
     file, place, there = name_of(source), "it", set(bpy.data.objects)
     whole = bpy.context.scene.collection
     if collection is not None:
-        if collection not in bpy.data.collections:
+        # Blender itself looks for no name that is not UTF-8.
+        named = [each for each in bpy.data.collections if each.name == collection]
+        if not named:
             raise CommandError(f"{file}: there is no collection “{collection}” in it")
-        whole = bpy.data.collections[collection]
+        whole = named[0]
         place, there = f"its collection “{collection}”", set(whole.all_objects)
     found = [obj for obj in bpy.context.view_layer.objects if obj in there and (names is None or obj.name in names)]
     shown = [obj for obj in found if obj.visible_get()]

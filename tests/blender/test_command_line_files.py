@@ -178,7 +178,7 @@ def test_chosen_objects_alone(tmp_path: Path, capfd: Capture) -> None:
         assert {name for name, each in mesh_objects(output).items() if each.data.ccdepth.has_result} == expected
     for line, message in (
         (["--objects", "Four"], "no mesh object “Four”"),
-        (["--collection", "None"], "no collection “None”"),
+        (["--collection", "No\udcff"], "no collection “No\\udcff”"),
         (["--collection", "Some", "--objects", "Three"], "no mesh object “Three” in its collection “Some”"),
         (["--collection", "Empty"], "no mesh object in its collection “Empty”\n"),
         (["--collection", "Excluded"], "no mesh object in its collection “Excluded” that is not hidden"),
