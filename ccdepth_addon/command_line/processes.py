@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from queue import SimpleQueue
 from secrets import token_hex
-from threading import Thread, Timer
+from threading import TIMEOUT_MAX, Thread, Timer
 from time import monotonic, sleep
 
 import bpy
@@ -142,7 +142,7 @@ class _Worker:
         """A process's entry of a file, None if the process ends before, and the output printed meanwhile."""
         assert process.stdin is not None
         assert process.stdout is not None
-        output, timer = "", Timer(self._options.file_timeout or 0.0, process.kill)
+        output, timer = "", Timer(min(self._options.file_timeout or 0.0, TIMEOUT_MAX), process.kill)
         if self._options.file_timeout:
             timer.start()
         try:

@@ -43,11 +43,11 @@ def test_jobs_report_the_same_in_the_same_order(
     sources = ["bad.glb", *(f"{name}.blend" for name in names)]
     line = ["--subdivide", "--tolerance", "50mm", "--format", "stl", "--objects", "one.obj", "--json", "-"]
     reports = []
-    for jobs in (0, 2):
-        folder = tmp_path / f"out{jobs}"
+    for jobs in ([], ["--jobs", "2", "--file-timeout", "1e300"]):
+        folder = tmp_path / f"out{len(jobs)}"
         folder.mkdir()
         capfd.readouterr()
-        words = [*line, *(["--jobs", jobs] if jobs else []), "--output-folder", folder, "--", *sources]
+        words = [*line, *jobs, "--output-folder", folder, "--", *sources]
         if jobs:
             command = [*program(), *map(str, words)]
             ended = subprocess.run(command, timeout=300, capture_output=True, text=True, cwd=tmp_path, check=False)
@@ -59,6 +59,7 @@ def test_jobs_report_the_same_in_the_same_order(
         assert sorted(each.name for each in folder.iterdir()) == sorted(f"{name}.stl" for name in names)
         assert "4 of 4 files done, 0 left" in told
         assert "bad.glb" in told
+        assert "Traceback" not in told
         reports.append(files_of(printed))
     assert [each["error"] is None for each in reports[0]] == [False, True, True, True]
     assert [each["input"]["path"] for each in reports[0]] == [(tmp_path / source).as_posix() for source in sources]
