@@ -218,7 +218,8 @@ def _standard_output(options: Namespace) -> Iterator[TextIO]:
 @contextmanager
 def _interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt at SIGINT or SIGTERM, which would end Blender at once or not at all; a second signal ends
-    Blender. Writing to a process or a terminal that has gone is an error, and does not end Blender."""
+    Blender. Writing to a process or a terminal that has gone, or more than a file may hold, is an error, and does not
+    end Blender."""
     global _received
     _received = None
     handlers: dict[signal.Signals, Callable[[int, FrameType | None], None] | signal.Handlers] = {
@@ -226,7 +227,7 @@ def _interruptible() -> Iterator[None]:
         signal.SIGTERM: _interrupt,
     }
     if hasattr(signal, "SIGPIPE"):
-        handlers[signal.SIGPIPE] = signal.SIG_IGN
+        handlers |= {signal.SIGPIPE: signal.SIG_IGN, signal.SIGXFSZ: signal.SIG_IGN}
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
         yield

@@ -133,10 +133,11 @@ def written_whole(
     try:
         yield beside
     except Exception as fault:
-        if isinstance(fault, UnwrittenError) or not _is_full(path.absolute().parent):
+        # Any failure on a full disk, in any state, and a quota or another limit.
+        is_full = _is_full(path.absolute().parent)
+        if isinstance(fault, UnwrittenError) or not (is_full or isinstance(fault, OSError)):
             raise
-        # After any failure, in any state.
-        raise UnwrittenError(f"it could not be written: {fault}; the disk is full") from fault
+        raise UnwrittenError(f"it could not be written: {fault}{'; the disk is full' * is_full}") from fault
     try:
         check_whole(beside)
         refuse_existing(path, overwrite, companions)
