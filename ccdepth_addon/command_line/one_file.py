@@ -63,6 +63,8 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
 
 def _processed(source: Path | None, output: Path | None, options: Namespace) -> FileEntry:
     """The entry of a file with claimed outputs."""
+    # Before the work, during which the file may be saved anew.
+    stamped = None if source is None else stamp(source, None)
     load(source, UNITS.get(options.unit))
     found, left_out = chosen_objects(source, options.objects, options.collection)
     objects, error = evaluated_objects(source, found)
@@ -76,7 +78,7 @@ def _processed(source: Path | None, output: Path | None, options: Namespace) -> 
     targets = surfaces_of(objects) if is_checked else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [made for _, made in outcomes]
-    stamped = None if source is None else stamp(source, unit)
+    stamped = stamped and replace(stamped, metres_per_unit=unit)
     chosen = Chosen(options.objects, options.collection)
     entries = tuple(each for each, _ in outcomes)
     entry = FileEntry(stamped, entries, error=error, chosen=chosen, left_out=left_out)

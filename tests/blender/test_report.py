@@ -251,6 +251,16 @@ def test_distances_of_no_file_do_not_pass(tmp_path: Path, capfd: Capture) -> Non
     assert "no file in which to measure it again" in printed(capfd, "--verify", claim(report, content), status=1)
 
 
+def test_a_file_that_is_saved_meanwhile_is_reported_as_it_was_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source, one_file = save_cubes(tmp_path / "cube.blend", "One"), addon.module("command_line.one_file")
+    before = sha256(source)
+    monkeypatch.setattr(one_file, "change_settings", lambda *_arguments: source.write_bytes(b"later"))
+    [entry] = reported(tmp_path / "report.json", source, *LINE)["files"]
+    assert entry["input"]["sha256"] == before
+
+
 def test_failures_are_in_the_reports(tmp_path: Path) -> None:
     source = save_cubes(tmp_path / "cube.blend", "One")
     (tmp_path / "bad.ply").write_text("this is no mesh\n")
