@@ -23,8 +23,9 @@ def chosen_objects(
     source: Path | None, names: Sequence[str] | None = None, collection: str | None = None
 ) -> tuple[list[bpy.types.Object], dict[str, str]]:
     """The visible mesh objects of the open file, and by name the reasons why others are left out; with given names or a
-    collection, only these objects. Linked objects and overrides are hidden, and copies take their places. Raises
-    CommandError without any objects, for a missing name, and for an object linked from a missing file."""
+    collection, only these objects. Meshes without faces are left out beside others, unless they are named. Linked
+    objects and overrides are hidden, and copies take their places. Raises CommandError without any objects, for a
+    missing name, and for an object linked from a missing file."""
     file, place, there = name_of(source), "it", set(bpy.data.objects)
     whole = bpy.context.scene.collection
     if collection is not None:
@@ -40,6 +41,8 @@ def chosen_objects(
     collections = [each for each in _shown_collections(bpy.context.view_layer.layer_collection) if each in parts]
     _refuse_missing(file, [*collections, *shown, *(obj.data for obj in shown if obj.data is not None)])
     visible = [obj for obj in shown if obj.type == "MESH"]
+    if names is None:
+        visible = [obj for obj in visible if not _is_without_faces(obj)] or visible
     found_names = {obj.name for obj in visible}
     unknown = next((name for name in names or () if name not in found_names), None)
     if unknown is not None:
@@ -47,20 +50,26 @@ def chosen_objects(
     if not visible:
         which = " that is not hidden" if any(obj.type == "MESH" for obj in there) else ""
         raise CommandError(f"{file}: there is no mesh object in {place}{which}")
-    left_out = {obj.name: reason for obj in found if (reason := _reason_to_leave_out(obj)) is not None}
+    others = set(found) - set(visible)
+    left_out = {obj.name: reason for obj in found if obj in others and (reason := _reason_to_leave_out(obj))}
     left_out |= {obj.name: EXCLUDED for obj in _excluded_meshes() if obj in there and names is None}
     meshes: dict[bpy.types.Mesh, bpy.types.Mesh] = {}
     return [_own(each, meshes) for each in visible], left_out
 
 
 def _reason_to_leave_out(blender_object: bpy.types.Object) -> str | None:
-    """The reason why an object that shows a surface is left out; None if it is not left out, or shows nothing."""
+    """The reason why an object is left out; None if it shows nothing."""
     if blender_object.type == "MESH":
-        return None if blender_object.visible_get() else "HIDDEN"
+        return "NO_FACES" if blender_object.visible_get() else "HIDDEN"
     if blender_object.instance_type == "COLLECTION" and blender_object.instance_collection is not None:
         return "COLLECTION_INSTANCE"
     is_left_out = blender_object.type not in NO_SURFACE and blender_object.visible_get()
     return blender_object.type if is_left_out else None
+
+
+def _is_without_faces(blender_object: bpy.types.Object) -> bool:
+    """Whether the mesh object has no faces, and no modifiers that make any."""
+    return not blender_object.data.polygons and not blender_object.modifiers
 
 
 def _excluded_meshes() -> list[bpy.types.Object]:

@@ -117,7 +117,7 @@ class ReportPictures:
 @dataclass(frozen=True)
 class FileEntry:
     """The entry of a file. source: None for Blender's Suzanne. error: why the file failed, if it did. chosen: None if
-    no object was done. left_out: by the names of objects, the reasons: HIDDEN, EXCLUDED_FROM_VIEW_LAYER,
+    no object was done. left_out: by the names of objects, the reasons: HIDDEN, NO_FACES, EXCLUDED_FROM_VIEW_LAYER,
     COLLECTION_INSTANCE or their type in Blender; None if unknown. companions: files written beside the output that
     belong to it. lost: the data of the objects that no file holds. pictures: one for each object if a page or the
     report holds them, else none."""

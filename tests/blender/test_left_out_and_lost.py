@@ -68,6 +68,7 @@ def test_what_is_left_out_is_named(tmp_path: Path, capfd: Capture) -> None:
     bpy.data.objects["Cube"].hide_select = True
     scene.add("Label", bpy.data.curves.new("Label", "FONT"))
     scene.add("Path\x1b", bpy.data.curves.new("Path", "CURVE"))
+    scene.add("Guide", bpy.data.meshes.new("Guide"))
     scene.add_light()
     scene.add("Empty")
     inside = scene.add_collection("Inside", bpy.data.objects["In It"], alone=True)
@@ -78,10 +79,11 @@ def test_what_is_left_out_is_named(tmp_path: Path, capfd: Capture) -> None:
     told = said(capfd, path, *LINE, "--json", report, status=0)
     for text in ("Hidden” is left out: hidden", "Label” is left out: font", "Path\\x1b” is left out: curve"):
         assert text in told
+    assert "“Guide” is left out: no faces" in told
     assert "“Instance” is left out: collection instance" in told
     [entry] = report_in(report)["files"]
     expected = {"Hidden": "HIDDEN", "Label": "FONT", "Path\x1b": "CURVE", "Instance": "COLLECTION_INSTANCE"}
-    assert entry["left_out"] == expected
+    assert entry["left_out"] == {**expected, "Guide": "NO_FACES"}
     assert [each["name"] for each in entry["objects"]] == ["Cube"]
     assert run("--verify", report) == 0
     # Nothing else was asked for.
