@@ -180,7 +180,8 @@ def _made_by(mesh: bpy.types.Mesh, add_modifier: Callable[[bpy.types.Object], No
     try:
         scene.collection.objects.link(holder)
         if any(read_values(mesh.polygons, "loop_total", np.int32) != 3):
-            holder.modifiers.new("Triangulate", "TRIANGULATE")
+            # As drawn: along shorter diagonals two quads around a vertex with two edges may become one triangle twice.
+            holder.modifiers.new("Triangulate", "TRIANGULATE").quad_method = "FIXED"
         add_modifier(holder)
         layer = scene.view_layers[0]
         layer.update()

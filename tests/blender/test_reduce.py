@@ -267,13 +267,27 @@ def test_loose_parts_stay() -> None:
     assert faces(result) < result.data.ccdepth.unreduced_triangles
 
 
-@pytest.mark.parametrize("corners", [3, 4])
-def test_small_closed_meshes_do_not_collapse_to_a_doubled_triangle(corners: int) -> None:
+def pyramid(corners: int) -> meshes.MeshData:
     around = np.arange(corners) * (2 * np.pi / corners)
     base = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
     sides = [[i, (i + 1) % corners, corners] for i in range(corners)]
-    original = scene.add_object(meshes.from_faces([*base, [0.1, 0.2, 0.8]], [list(range(corners))[::-1], *sides]))
-    (result,) = subdivide(original, tolerance=1.0, reduce=True)
+    return meshes.from_faces([*base, [0.1, 0.2, 0.8]], [list(range(corners))[::-1], *sides])
+
+
+def cube_with_a_vertex_in_an_edge() -> meshes.MeshData:
+    """Two pentagons share the vertex, and no other face does."""
+    cube = meshes.cube()
+    others = [face for face in cube.faces if not {0, 1} <= set(face)]
+    return meshes.from_faces([*cube.positions, [-1, -1, 0]], [[0, 8, 1, 3, 2], [0, 4, 5, 1, 8], *others])
+
+
+@pytest.mark.parametrize(
+    ("data", "tolerance"), [(pyramid(3), 1.0), (pyramid(4), 1.0), (cube_with_a_vertex_in_an_edge(), 0.35)]
+)
+def test_small_closed_meshes_stay_closed(data: meshes.MeshData, tolerance: float) -> None:
+    """Neither do they collapse to a doubled triangle, nor is one of two triangles lost."""
+    original = scene.add_object(data)
+    (result,) = subdivide(original, tolerance=tolerance, reduce=True)
     assert not result.data.validate()
     triangles = scene.triangles_of(result.data)
     edges = np.sort(np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2), axis=2).reshape(-1, 2)
@@ -309,8 +323,8 @@ def test_in_place_in_both_modes_with_the_scenes_setting(editing: bool) -> None:
 
 def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:
     original = scene.add_object(meshes.from_faces([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]]))
-    (plain,) = subdivide(original, tolerance=1.0)
-    (result,) = subdivide(original, tolerance=1.0, reduce=True)
+    (plain,) = subdivide(original, tolerance=0.2)
+    (result,) = subdivide(original, tolerance=0.2, reduce=True)
     assert faces(result) == faces(plain)
     assert result.data.ccdepth.unreduced_triangles == 0
     assert {*bpy.data.meshes} == {original.data, plain.data, result.data}
