@@ -29,9 +29,8 @@ from .triangles import Triangles
 # one more level takes no longer.
 PIECES_OF_EACH, PIECES_BESIDES = 96, 1 << 12
 
-# From the first of these rounds on, a leaf with as many pieces or parts in one round is given up, and any leaf from the
-# second on: nothing more is decided then, mostly.
-LATE_ROUND, LAST_ROUND = 6, 20
+# Rounds after which nothing more is decided, mostly.
+MOST_ROUNDS = 20
 
 # The sides of a quad as triangles without area.
 SIDES = np.array([[0, 1, 1], [1, 2, 2], [2, 3, 3], [3, 0, 0]])
@@ -50,12 +49,9 @@ class LeafFindings(Findings):
         return np.inf
 
     def goals(self, faces: IndexArray, rounds: int) -> FloatArray:
-        """(N,): the limit, or no bound for groups with a leaf beyond the limit, or given up."""
-        reached = self.in_faces
-        if rounds >= LATE_ROUND:
-            parts = np.bincount(faces, minlength=len(reached))
-            reached = np.where(parts > (PIECES_OF_EACH if rounds < LAST_ROUND else 0), np.inf, reached)
-        return np.where(_largest(self.groups, reached)[faces] > self.limit, np.inf, self.limit)
+        """(N,): the limit, or no bound for leaves beyond the limit or undecided after many rounds."""
+        reached = _largest(self.groups, self.in_faces)[faces]
+        return np.where((reached > self.limit) | (rounds >= MOST_ROUNDS), np.inf, self.limit)
 
 
 @dataclass(frozen=True)
