@@ -15,6 +15,7 @@ from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import LEAST, UNITS, face_budget, face_limit, number_from, typed_tolerance, whole_number
 from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
+from .report import reports_in
 
 DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
 
@@ -242,11 +243,6 @@ def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
         mark = os.fsencode(f"~{sha256(stem).hexdigest()[:8]}")
         stem = stem[: most - len(mark)].decode(errors="ignore").encode() + mark
     return options.output_folder / f"{os.fsdecode(stem)}{suffix}"
-
-
-def reports_in(folder: Path) -> list[Path]:
-    """The JSON reports in a folder, in the order of their names; hidden files belong to killed runs or to systems."""
-    return sorted(folder.glob("[!.]*.json"))
 
 
 def is_measured(options: argparse.Namespace) -> bool:

@@ -246,6 +246,11 @@ def csv_text(report: Report) -> str:
     return text.getvalue()
 
 
+def reports_in(folder: Path) -> list[Path]:
+    """The JSON reports in a folder, in the order of their names; hidden files belong to killed runs or to systems."""
+    return sorted(folder.glob("[!.]*.json"))
+
+
 def _cell(value: Any) -> Any:
     """A value of the table; texts neither command a terminal nor are taken for a formula by a spreadsheet."""
     if not isinstance(value, str):

@@ -15,8 +15,19 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import bpy
 
 from ..core import VERTICES
-from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE, reports_in
-from .report import FORMAT, FORMAT_VERSION, PROGRAM, ROUNDING, FileEntry, Frame, ObjectEntry, Report, without_links
+from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE
+from .report import (
+    FORMAT,
+    FORMAT_VERSION,
+    PROGRAM,
+    ROUNDING,
+    FileEntry,
+    Frame,
+    ObjectEntry,
+    Report,
+    reports_in,
+    without_links,
+)
 
 OLD_VERSION = 1
 FIELDS = {"format", "version", "program", "blender", "action", "met", "files"}
