@@ -180,6 +180,23 @@ def test_a_steep_triangle_beyond_the_border_is_as_far_as_its_highest_side(slope:
         assert found.triangle_bounds[2] >= distance * (1 - 1e-12)
 
 
+@pytest.mark.parametrize("seed", each(range(400), short=[161, 233]))
+def test_triangles_near_a_border_are_as_far_as_samples_say(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    control = meshes.build(meshes.bumpy(meshes.grid(3, 2), 0.3, seed), smooth_corners=seed % 2 == 0)
+    surface, surface_triangles = result(control, 5, limit=True)
+    fine = nets.refined(control, 5)
+    border = surface[np.unique(fine.edge_vertices[fine.edge_face_counts == 1])]
+    sizes = 10.0 ** generator.uniform(-3, -0.5, (60, 1, 1))
+    steep = generator.normal(size=(60, 3, 3)) * [1, 1, generator.choice([0.1, 1, 5])]
+    corners = border[generator.integers(0, len(border), (60, 1))] + sizes * steep
+    points = points_of(corners, STEPS)
+    back = distances(points.reshape(-1, 3), surface, surface_triangles).reshape(60, -1).max(axis=1)
+    for enough in (0.0, float(np.median(back)), 0.9 * float(back.max())):
+        found = measure_deviation(control, corners.reshape(-1, 3), np.arange(180).reshape(-1, 3), enough=enough)
+        assert np.all(found.triangle_bounds >= back - off_surface(control, 5))
+
+
 def test_a_spike_of_the_mesh_and_a_part_missing_from_it_are_reached() -> None:
     """What only one of the two has counts as much: a hole, whose border is as far off as its middle is from it."""
     control = meshes.build(meshes.grid(4, 4), smooth_corners=False)
