@@ -36,7 +36,8 @@ _measured_against: dict[int, set[int]] = {}
 _results: dict[int, set[int]] = {}
 _object_count = -1
 
-# Touched sources, sources in Edit Mode, and sources that have left Edit Mode since they were last examined.
+# Touched sources, sources in Edit Mode, and sources that have left Edit Mode, or were made anew, since they were last
+# examined.
 _touched_sources: set[int] = set()
 _edited: set[int] = set()
 _left: set[int] = set()
@@ -110,14 +111,14 @@ def source_has_changed(result: bpy.types.Object) -> bool:
 
 
 def due_results() -> list[bpy.types.Object]:
-    """The results that are to be made anew because their sources have left Edit Mode."""
+    """The results that are to be made anew because their sources have left Edit Mode, or were made anew."""
     if not _due:
         return []
     return [each for each in bpy.data.objects if each.session_uid in _due and each.ccdepth.keep_updated]
 
 
 def no_longer_due(uids: Iterable[int]) -> None:
-    """Leave the results with these session identifiers until their sources leave Edit Mode again."""
+    """Leave the results with these session identifiers until the next edit of their sources."""
     _due.difference_update(uids)
 
 
@@ -128,10 +129,11 @@ def due_again(uids: Iterable[int]) -> None:
 
 
 def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: Any) -> None:
-    """Record on the result that the source has just made it (``result_record.remember``), and let the source be
-    examined: it may have changed during the run."""
+    """Record on the result that the source has just made it (``result_record.remember``), and let both be examined: the
+    source may have changed during the run, and results of the result follow."""
     result_record.remember(result, source, *given)
-    _touched_sources.add(source.session_uid)
+    _touched_sources.update((source.session_uid, result.session_uid))
+    _left.add(result.session_uid)
     _changed.discard(result.session_uid)
     _due.discard(result.session_uid)
     _results.setdefault(source.session_uid, set()).add(result.session_uid)

@@ -45,8 +45,8 @@ class ResultRecord(
     mesh_checksum: StringProperty(description="Checksum of the mesh that was made")
     keep_updated: BoolProperty(
         name="Keep Updated",
-        description="Make the result anew, with its own settings, whenever an edited source leaves Edit Mode. "
-        "Other work interrupts the run, and Esc stops the run",
+        description="Make the result anew, with its own settings, whenever an edited source leaves Edit Mode "
+        "or is made anew. Other work interrupts the run, and Esc stops the run",
     )
     left_render: BoolProperty(description="Whether the object was taken out of the render as it was hidden")
     tolerance: FloatProperty(description="The tolerance as it was given")

@@ -509,6 +509,18 @@ def test_results_with_other_settings_have_their_turn(kept: Kept) -> None:
     assert faces(coarse) < faces(result)
 
 
+def test_a_result_of_a_result_follows(kept: Kept) -> None:
+    source, result = kept
+    [again] = subdivide(result, subdivide_results=True)
+    again.ccdepth.keep_updated = True
+    edit(source)
+    for expected in (result, again):
+        assert due() == [expected]
+        assert bpy.ops.ccdepth.update_kept() == {"FINISHED"}
+    assert not due()
+    assert shape(again)[:, 0].max() > 3.0
+
+
 def test_what_fails_is_not_tried_again(kept: Kept) -> None:
     source, result = kept
     set_scene(max_faces=10)
