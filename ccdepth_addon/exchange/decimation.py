@@ -20,6 +20,10 @@ TOLERANCE = 0.01
 # The largest distance by which lines may move, as a part of the tolerance; the faces beside them need the rest.
 PART_FOR_LINES = 0.5
 
+# Values on the right side of a line leave the range of those around their vertex by no more than this part of the range,
+# mostly.
+WIDENED = 0.1
+
 # The weight of vertices that Decimate may move; edges at vertices of weight 0 it leaves alone.
 MAY_MOVE = 1.0
 
@@ -146,25 +150,43 @@ def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh
     """Write UV maps, colours and normals at the corners around the vertices of a mesh, from the triangles of another.
 
     Decimate interpolates values along merged edges, and moves vertices off these edges: textures would slide. Vertices
-    on lines have not moved, and vertices beside lines may belong to the other side; both keep their values.
+    on lines have not moved, and keep their values. A place beside a line may belong to the other side, and counts only
+    if its values are about those of Decimate around the vertex.
     """
-    kept = np.zeros(len(mesh.vertices), dtype=bool)
-    kept[line_edges(mesh)] = True
+    triangles = read_built_in(source.attributes, ".corner_vert", "value", np.int32).reshape(-1, 3)
     beside_lines = np.zeros(len(source.vertices), dtype=bool)
     beside_lines[line_edges(source)] = True
-    triangles = read_built_in(source.attributes, ".corner_vert", "value", np.int32).reshape(-1, 3)
-    moved = ~kept & (places.triangles >= 0) & ~beside_lines[triangles].any(axis=1)[places.triangles]
+    is_sure = ~beside_lines[triangles].any(axis=1)[places.triangles]
+    moved = places.triangles >= 0
+    moved[line_edges(mesh)] = False
     vertices = read_built_in(mesh.attributes, ".corner_vert", "value", np.int32)
     corners = np.flatnonzero(moved[vertices])
-    weights, which = places.weights[vertices[corners]], places.triangles[vertices[corners]]
+    around = vertices[corners]
+    weights, which = places.weights[around], places.triangles[around]
     for attribute in mesh.attributes:
         if not (changes_along_lines(attribute) or attribute.name.startswith(CARRIED_NORMAL)):
             continue
         kind = TYPES[attribute.data_type]
         known = read_values(source.attributes[attribute.name].data, kind.value, kind.dtype, kind.width)
         values = read_values(attribute.data, kind.value, kind.dtype, kind.width)
-        values[corners] = np.einsum("ck,ckd->cd", weights, known.reshape(len(triangles), 3, -1)[which])
+        found = np.einsum("ck,ckd->cd", weights, known.reshape(len(triangles), 3, -1)[which])
+        low, high = _ranges_around(vertices, values, len(mesh.vertices))
+        chosen = is_sure[around] | ((found >= low[around]) & (found <= high[around])).all(axis=1)
+        values[corners[chosen]] = found[chosen]
         write_values(attribute.data, kind.value, values, kind.step)
+
+
+def _ranges_around(vertices: ShortIndexArray, values: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+    """(V, d) twice: the ranges of the values of the triangles around each vertex, widened. vertices, values: (3T,) and
+    (3T, d), at the corners of triangles."""
+    of_triangles = values.reshape(len(vertices) // 3, 3, -1)
+    low = np.full((count, of_triangles.shape[2]), np.inf)
+    high = -low
+    for corner in vertices.reshape(-1, 3).T:
+        np.minimum.at(low, corner, of_triangles.min(axis=1))
+        np.maximum.at(high, corner, of_triangles.max(axis=1))
+    more = WIDENED * (high - low)
+    return low - more, high + more
 
 
 def _positions(mesh: bpy.types.Mesh) -> FloatArray:

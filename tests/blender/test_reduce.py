@@ -111,15 +111,16 @@ def with_uvs(kind: str) -> bpy.types.Object:
     return original
 
 
-def test_uvs_are_not_those_of_another_island() -> None:
-    """The map has half the size of the mesh, and what is reduced here is two to three times as large. Between islands
-    it is six times as large and more."""
-    (result,) = subdivide(with_uvs("cylinder"), tolerance=1.8e-2, tolerance_mode="RELATIVE", reduce=True)
+@pytest.mark.parametrize(("kind", "tolerance"), [("cylinder", 1.8e-2), ("cylinder", 4e-2), ("cube", 2e-2)])
+def test_uvs_are_those_of_their_own_island(kind: str, tolerance: float) -> None:
+    """The map has half the size of the mesh. Between islands it is six times as large and more."""
+    (result,) = subdivide(with_uvs(kind), tolerance=tolerance, tolerance_mode="RELATIVE", reduce=True)
     sides = [values - np.roll(values, 1, axis=1) for values in (
         scene.read(result.data, "UVMap").reshape(-1, 3, 2), shape(result)[scene.triangles_of(result.data)],
     )]  # fmt: skip
     flat, real = (np.linalg.norm(each, axis=2) for each in sides)
-    assert np.all(flat <= 0.5 * 3 * real)
+    # Merged faces are not quite in the plane of the map.
+    assert np.all(flat <= 0.5 * 1.1 * real)
 
 
 PRIMITIVES = [(name, has_uvs) for name in ("cube", "cylinder") for has_uvs in (True, False)]
@@ -197,8 +198,8 @@ def test_lines_and_everything_else_of_the_mesh_are_there() -> None:
     bpy.data.objects.remove(result)
     (plain,) = subdivide(original, tolerance=SLACK)
     # The surface has its own corners, which UVs do not follow. Beyond that, a vertex is within the tolerance of where
-    # its UVs are from, but beside lines, where Decimate interpolates: there within a few.
-    assert found.max() <= uvs_off(plain).max() + 3 * SLACK
+    # its UVs are from.
+    assert found.max() <= uvs_off(plain).max() + SLACK
     assert np.median(found) < SLACK
 
 
