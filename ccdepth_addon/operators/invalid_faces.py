@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 
 from ..core import IndexArray, InvalidMeshError, validate
+from ..exchange.blender_arrays import read_built_in, write_values
 from ..exchange.control_mesh import read_control_mesh
 from ..exchange.evaluated import NO_ORIGIN
 from ..state import known
@@ -52,15 +53,28 @@ class CCDEPTH_OT_repair(QuickOperator):
         meshes = list(_invalid_faces(context))
         refuse(meshes, mesh_fault)
         before = sum(len(mesh.polygons) for mesh in meshes)
+        moved = sum(map(_move_to_origin, meshes))
         # Edit Mode is no way to do it: Blender 5 does not come back from there with triangles that are none.
         repaired = [mesh for mesh in meshes if mesh.validate(clean_customdata=False)]
         known.note_refused({})
-        if not repaired:
+        if not (moved or repaired):
             self.report({"INFO"}, "There is nothing that Blender can repair")
             return {"CANCELLED"}
         removed = before - sum(len(mesh.polygons) for mesh in meshes)
-        self.report({"INFO"}, f"{count_text(removed, 'face', 'faces')} removed")
+        to_origin = f", {count_text(moved, 'vertex', 'vertices')} moved to the origin" if moved else ""
+        self.report({"INFO"}, f"{count_text(removed, 'face', 'faces')} removed{to_origin}")
         return {"FINISHED"}
+
+
+def _move_to_origin(mesh: bpy.types.Mesh) -> int:
+    """Move the vertices at no finite position to the origin; returns their number. Before version 5.2 Blender sets
+    their single coordinates that are not finite to 0, and does not say so."""
+    positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3)
+    is_nowhere = ~np.isfinite(positions).all(axis=1)
+    if is_nowhere.any():
+        positions[is_nowhere] = 0.0
+        write_values(mesh.attributes["position"].data, "vector", positions)
+    return int(np.count_nonzero(is_nowhere))
 
 
 def _invalid_faces(context: bpy.types.Context) -> dict[bpy.types.Mesh, IndexArray]:

@@ -428,6 +428,15 @@ def test_the_panel_knows_until_a_run_goes_well() -> None:
     assert known.faces_at_fault(holder.data) == 0
 
 
+def test_vertices_at_no_finite_position_are_moved_to_the_origin(capfd: pytest.CaptureFixture[str]) -> None:
+    """Also where no face is removed, and where a single coordinate is not finite."""
+    holder = scene.add_object(meshes.landscape(4, 3))
+    scene.put_nowhere(holder, 1)
+    addon.finish("repair", holder)
+    assert "0 faces removed, 1 vertex moved to the origin" in capfd.readouterr().out
+    assert scene.read(holder.data, "position")[0].tolist() == [0.0, 0.0, 0.0]
+
+
 def test_repaired_meshes_are_accepted_and_keep_their_attributes() -> None:
     holder, good = with_repeated_vertices(2, 7), scene.add_object(meshes.pillow(4), "Good")
     scene.put_nowhere(holder, 3 * 0)
