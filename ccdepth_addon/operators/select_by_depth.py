@@ -21,7 +21,14 @@ class CCDEPTH_OT_select(QuickOperator):
     bl_idname = "ccdepth.select"
     bl_label = "Select by Depth"
 
-    depth: IntProperty(name="Depth", description="The depth to look for; the deepest when left out", default=0, min=0)
+    # Without SKIP_SAVE a button would take what it does not set from the last press of another one.
+    depth: IntProperty(
+        name="Depth",
+        description="The depth to look for; the deepest when left out",
+        default=0,
+        min=0,
+        options={"SKIP_SAVE"},
+    )
     comparison: EnumProperty(
         name="Comparison",
         description="Which depths to select",
@@ -31,8 +38,9 @@ class CCDEPTH_OT_select(QuickOperator):
             ("AT_MOST", "At Most", "Faces of this depth and less deep ones"),
         ),
         default="EQUAL",
+        options={"SKIP_SAVE"},
     )
-    extend: BoolProperty(name="Extend", description="Add to the selection", default=False)
+    extend: BoolProperty(name="Extend", description="Add to the selection", default=False, options={"SKIP_SAVE"})
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:

@@ -30,7 +30,10 @@ class CCDEPTH_OT_select_worst(QuickOperator):
     bl_idname = "ccdepth.select_worst"
     bl_label = "Select Worst Face"
 
-    frame: BoolProperty(name="Frame", description="Move the 3D View to the front of the face", default=False)
+    # Without SKIP_SAVE the plain button would frame as well, once the one beside was pressed.
+    frame: BoolProperty(
+        name="Frame", description="Move the 3D View to the front of the face", default=False, options={"SKIP_SAVE"}
+    )
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:

@@ -107,6 +107,13 @@ def test_select(editing: bool) -> None:
     assert_equal(selected({"depth": 0, "comparison": "AT_LEAST"}), visible)
 
 
+@pytest.mark.parametrize("name", ["select", "select_worst"])
+def test_buttons_that_select_take_nothing_from_the_last_press(name: str) -> None:
+    """Blender remembers the settings of an operator for the next button, except those that are not to be saved."""
+    settings = getattr(bpy.ops.ccdepth, name).get_rna_type().properties
+    assert all(each.is_skip_save for each in settings if each.identifier != "rna_type")
+
+
 @pytest.mark.parametrize("name", [".select_vert", ".select_edge", ".select_poly"])
 def test_attribute_where_blender_keeps_the_selection(name: str) -> None:
     """It is named and kept: Blender itself crashes when a selection is written over it."""
