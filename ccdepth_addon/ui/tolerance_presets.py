@@ -69,7 +69,7 @@ def presets(scene: bpy.types.Scene) -> list[Preset]:
             values = dict(re.findall(r"ccdepth\.(\w+) = (.+)", path.read_text(encoding="utf-8")))
             mode = literal_eval(values["tolerance_mode"])
             tolerance = float(values[tolerance_name(mode)])
-            found.append(Preset(bpy.path.display_name(path.name), mode, tolerance, is_own=True))
+            found.append(Preset(bpy.path.display_name(path.name, title_case=False), mode, tolerance, is_own=True))
     return sorted(found, key=lambda each: (each.mode == "ABSOLUTE", -each.tolerance))
 
 

@@ -67,18 +67,18 @@ def test_presets_of_ones_own_are_added_and_removed(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(bpy.utils, "preset_paths", lambda folder: [str(tmp_path / "presets" / folder)])
     (tmp_path / "presets/ccdepth/tolerance").mkdir(parents=True)
     set_scene(tolerance=0.123, relative_tolerance=0.0456, tolerance_mode="RELATIVE")
-    assert bpy.ops.ccdepth.tolerance_preset_add(name="Mine") == {"FINISHED"}
+    assert bpy.ops.ccdepth.tolerance_preset_add(name="my own") == {"FINISHED"}
     set_scene(tolerance_mode="ABSOLUTE", tolerance=1e-5)
     assert bpy.ops.ccdepth.tolerance_preset_add(name="Yours") == {"FINISHED"}
     (tmp_path / "presets/ccdepth/tolerance/Broken.py").write_text("ccdepth.tolerance_mode = 'RELATIVE'")
-    assert [*presets()] == ["Mine", "Draft", "Standard", "Fine", "Print 0.1 mm", "Yours"]
+    assert [*presets()] == ["my own", "Draft", "Standard", "Fine", "Print 0.1 mm", "Yours"]
     set_scene(relative_tolerance=1.0)
-    choose(presets()["Mine"])
+    choose(presets()["my own"])
     settings = bpy.context.scene.ccdepth
     assert (settings.tolerance_mode, settings.relative_tolerance) == ("RELATIVE", pytest.approx(0.0456))
     choose(presets()["Yours"])
     assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", pytest.approx(1e-5))
-    assert bpy.ops.ccdepth.tolerance_preset_add(name="Mine", remove_name=True) == {"FINISHED"}
+    assert bpy.ops.ccdepth.tolerance_preset_add(name="my own", remove_name=True) == {"FINISHED"}
     assert [*presets()] == ["Draft", "Standard", "Fine", "Print 0.1 mm", "Yours"]
 
 
