@@ -38,6 +38,24 @@ REMOVING_FACES = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
 REPLACING_FACES = {"OCEAN", "REMESH", "SCREW", "SKIN"}
 
 
+def is_placed(layer: bpy.types.ViewLayer, blender_object: bpy.types.Object) -> bool:
+    """Whether Blender computes the object's place in the scene: in a shown collection of the view layer, even behind a
+    closed eye.
+
+    Other objects keep an old place, or after loading none, even those that Blender counts as evaluated because a shown
+    object refers to them.
+    """
+    return not blender_object.hide_viewport and _shows_any(layer.layer_collection, {*blender_object.users_collection})
+
+
+def _shows_any(layer: bpy.types.LayerCollection, collections: set[bpy.types.Collection]) -> bool:
+    """Whether one of the collections is shown, there or in a child."""
+    if layer.collection.hide_viewport:
+        return False
+    is_here = layer.collection in collections and not layer.exclude
+    return is_here or any(_shows_any(child, collections) for child in layer.children)
+
+
 def in_batches(objects: Sequence[bpy.types.Object]) -> Iterator[list[bpy.types.Object]]:
     """The objects in groups few and small enough to be evaluated at once."""
     return batches(objects, lambda each: len(each.data.vertices), VERTICES_AT_ONCE)

@@ -6,9 +6,10 @@ from typing import ClassVar
 
 import bpy
 
+from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import sculpted
 from ..state import out_of_date, result_record, watch
-from ..tasks.surfaces import ComputeError
+from ..tasks.surfaces import NOT_PLACED, ComputeError
 from ..ui.printable import printable_lines
 from .adaptive_operator import MakingOperator
 from .job import Steps
@@ -20,7 +21,7 @@ from .selected_meshes import LINKED, refuse, selected_meshes
 OPERATORS_WAITED_FOR = ("CCDEPTH_OT_", "TRANSFORM_OT_", "RENDER_OT_opengl")
 JOBS_WAITED_FOR = ("RENDER", "OBJECT_BAKE")
 
-NOT_EVALUATED = "it is in no shown collection of this view layer, so its size in the scene is not known; show it first"
+NO_SIZE = f"{NOT_PLACED}, so its size in the scene is not known; show it first"
 
 
 class UpdatingOperator(MakingOperator):
@@ -30,9 +31,9 @@ class UpdatingOperator(MakingOperator):
         """Make results anew, together with the results of known scale that share their meshes."""
         shared = {result.data for result in chosen}
         sharing = [each for each in bpy.data.objects if each.data in shared and result_record.is_result(each)]
-        depsgraph = context.evaluated_depsgraph_get()
-        results = list(dict.fromkeys([*chosen, *(each for each in sharing if _is_evaluated(each, depsgraph))]))
-        refuse(chosen, lambda each: None if _is_evaluated(each, depsgraph) else NOT_EVALUATED)
+        layer = context.view_layer
+        results = list(dict.fromkeys([*chosen, *(each for each in sharing if is_placed(layer, each))]))
+        refuse(chosen, lambda each: None if is_placed(layer, each) else NO_SIZE)
         refuse(results, lambda each: self._fault(each, results))
         sources = [result_record.control_object(each) for each in results]
         settings = result_record.made_with(self, self.tolerance)
@@ -74,7 +75,7 @@ class CCDEPTH_OT_update(UpdatingOperator):
             for each in selected
             if out_of_date.has_results(each) and not result_record.is_result(each)
             for result in result_record.results_of(each)
-            if _is_evaluated(result, context.evaluated_depsgraph_get())
+            if is_placed(context.view_layer, result)
         ]
         if not results and not of_sources:
             raise ComputeError(f"{selected[0].name}: none of its results is shown here, not even hidden by the eye")
@@ -145,11 +146,6 @@ def _source_fault(result: bpy.types.Object, together: Collection[bpy.types.Objec
     if source.data.ccdepth.subdivision and not result.ccdepth.source_is_adaptive:
         return f"{called} was subdivided in place since; undo that, or apply anew with Subdivide Results on"
     return result_record.modifier_fault(result, source, use_modifiers=use_modifiers)
-
-
-def _is_evaluated(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
-    """Whether Blender knows the object's place in the scene, even if hidden in the view layer."""
-    return bool(blender_object.evaluated_get(depsgraph).is_evaluated)
 
 
 def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:

@@ -17,6 +17,7 @@ import bpy
 import numpy as np
 
 from ..exchange.control_mesh import ControlMeshError, own_diagonal, read_control_mesh
+from ..exchange.evaluated import is_placed
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
@@ -67,7 +68,10 @@ def known_diagonal(blender_object: bpy.types.Object, *, use_modifiers: bool) -> 
 def measured_diagonal(
     context: bpy.types.Context, blender_object: bpy.types.Object, *, use_modifiers: bool
 ) -> float | None:
-    """The diagonal of the object's dimensions, measured now; None without a control mesh of some length."""
+    """The diagonal of the object's dimensions, measured now; None without a control mesh of some length, or without a
+    known place."""
+    if not is_placed(context.view_layer, blender_object):
+        return None
     counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     try:
         if is_evaluated(blender_object, counted):

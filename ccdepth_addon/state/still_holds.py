@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..core import FloatArray
 from ..exchange.dependencies import KnownDescriptions, ObjectState, object_state, shown_checksum
 from ..exchange.displayed_mesh import shown_modifiers
+from ..exchange.evaluated import is_placed
 from ..exchange.face_values import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
 from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_mesh
 from . import mesh_values
@@ -202,6 +203,8 @@ def _change_for(measured: bpy.types.Object) -> str:
     # The record keeps an object in the file that was deleted.
     if target is None or not target.users_scene:
         return f"“{found.against}” was removed"
+    if not is_placed(bpy.context.view_layer, target):
+        return f"“{target.name}” is not shown"
     if mesh_face_count(measured.data) != found.faces:
         return f"“{measured.name}” changed"
     state = measured_state(measured, target, use_modifiers=found.use_modifiers)

@@ -15,12 +15,12 @@ import bpy
 import numpy as np
 
 from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, Progress, measure_deviation, part_of, validate
-from ..exchange.control_mesh import read_control_mesh
+from ..exchange.control_mesh import ControlMeshError, read_control_mesh
 from ..exchange.displayed_mesh import ShownMesh, read_shown_mesh
-from ..exchange.evaluated import NO_ORIGIN
+from ..exchange.evaluated import NO_ORIGIN, is_placed
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
-from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
+from .surfaces import NOT_PLACED, ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
 
 # The relative rounding of a tolerance less its rounding.
 ROUNDED = 1e-15
@@ -150,6 +150,8 @@ def prepare_targets(
 def _read_target(
     context: bpy.types.Context, target: bpy.types.Object, settings: MeasureSettings, *, own: bool
 ) -> MeasureTask:
+    if not is_placed(context.view_layer, target):
+        raise ControlMeshError(f"{NOT_PLACED}, so its place in the scene is not known; show it first")
     control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
     validate(control.in_world)
     surface = surface_of(target.name, control, settings)

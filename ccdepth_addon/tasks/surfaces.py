@@ -22,6 +22,8 @@ SCALE_ROUNDING = 1e-9
 # The largest number that Blender stores, also in place of larger numbers and infinity.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
 
+NOT_PLACED = "it is disabled in viewports, or in no shown collection of this view layer"
+
 TOO_LARGE = "The tolerance is too large a number"
 
 

@@ -5,6 +5,7 @@ test_measure_guarantee tests the distances. Most of it runs for a moment only: w
 at.
 """
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import bmesh
@@ -278,6 +279,21 @@ def test_an_adaptive_result_is_measured_against_its_source() -> None:
     assert (record.deviation, record.deviation_reached) == alone
     bpy.data.objects.remove(source)
     refuses("measure", "its source “Cube” has been removed")
+
+
+def test_against_a_source_at_an_unknown_place_nothing_is_measured(tmp_path: Path) -> None:
+    """Blender places no objects of excluded collections, and files hold no places."""
+    source = subdivided_cube()
+    source.location.x = 3.0
+    [result] = subdivide(source, tolerance=0.02)
+    addon.measure(result)
+    scene.add_collection("Off", source, alone=True)
+    bpy.context.view_layer.layer_collection.children["Off"].exclude = True
+    scene.open_again(tmp_path)
+    addon.examine_touched()
+    result = bpy.data.objects["Cube Adaptive"]
+    assert addon.module("state.out_of_date").change_since_measured(result.data) == "“Cube” is not shown"
+    refuses("measure", "its place in the scene is not known", result)
 
 
 def test_what_was_measured_against_the_active_object_is_shown() -> None:

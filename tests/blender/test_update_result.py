@@ -193,6 +193,16 @@ def test_a_source_in_another_scene_can_be_read() -> None:
     assert result.data.ccdepth.base_faces == 12
 
 
+def test_a_result_of_unknown_size_is_left_alone_though_another_one_refers_to_it() -> None:
+    """Blender counts what a shown object refers to as evaluated, but computes no place for it."""
+    source, result = made_result()
+    subdivide(result, subdivide_results=True)
+    scene.add_collection("Off", result, alone=True)
+    bpy.context.view_layer.layer_collection.children["Off"].exclude = True
+    source.hide_set(False)
+    refuses("update", "none of its results is shown here", source)
+
+
 def test_a_deleted_source_is_in_the_file_as_long_as_its_result_is() -> None:
     source, result = made_result()
     source.hide_set(False)
