@@ -108,7 +108,7 @@ def _add_choices(parser: Parser) -> None:
     )
     mode = parser.add_mutually_exclusive_group()
     lengths = {
-        "relative": "a part of the diagonal of each object's dimensions (default)",
+        "relative": "a part of the diagonal of each object's dimensions (default, unless a .blend file says otherwise)",
         "absolute": "a distance in the scene",
     }
     for name, length in lengths.items():
