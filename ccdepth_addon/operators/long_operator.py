@@ -22,7 +22,7 @@ PATIENCE_AT_START = 0.2
 PATIENCE_AT_EACH_TICK = SECONDS_TO_WAIT
 SECONDS_BETWEEN_TICKS = 0.01
 
-REMEDY = "Select Invalid Faces selects the faces at fault, and Repair Mesh removes these faces"
+REMEDY = "Select Invalid Faces selects the faces at fault, and Repair Mesh repairs the mesh"
 
 DELETED = "An object was deleted in the meantime: nothing was written"
 
