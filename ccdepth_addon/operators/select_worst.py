@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import mesh_values
+from ..state.still_holds import measured_to_show
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable
 from . import face_selection
@@ -25,7 +26,7 @@ LEAST_SHOWN = 0.2
 
 
 class CCDEPTH_OT_select_worst(QuickOperator):
-    """Select the face with the largest measured deviation"""
+    """Select the face with the largest deviation in the measurement shown"""
 
     bl_idname = "ccdepth.select_worst"
     bl_label = "Select Worst Face"
@@ -44,7 +45,7 @@ class CCDEPTH_OT_select_worst(QuickOperator):
         return None if _measured_objects(context) else "Measure Deviation first"
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        worst = max(_measured_objects(context), key=lambda each: each.data.ccdepth.deviation_reached)
+        worst = _worst(context)
         mesh, found = worst.data, worst.data.ccdepth.measurement
         if self.frame:
             _frame(context, worst)
@@ -67,6 +68,14 @@ class CCDEPTH_OT_select_worst(QuickOperator):
 
 def _measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [each for each in selected_meshes(context) if mesh_values.has_deviation(each.data)]
+
+
+def _worst(context: bpy.types.Context) -> bpy.types.Object:
+    """The object whose deviation panel and label show; without one, the worst."""
+    measured, shown = _measured_objects(context), measured_to_show(context)
+    if shown is not None and shown in measured:
+        return shown
+    return max(measured, key=lambda each: each.data.ccdepth.deviation_reached)
 
 
 def _frame(context: bpy.types.Context, worst: bpy.types.Object) -> None:

@@ -305,6 +305,8 @@ def test_what_was_measured_against_the_active_object_is_shown() -> None:
     assert bpy.context.active_object == source
     shown = addon.module("state.still_holds").measured_to_show
     assert shown(bpy.context) == result
+    bpy.ops.ccdepth.select_worst()
+    assert scene.selected_faces(result) == [result.data.ccdepth.measurement.worst_face]
     addon.select(source)
     assert shown(bpy.context) == source
 
