@@ -20,8 +20,7 @@ TOLERANCE = 0.01
 # The largest distance by which lines may move, as a part of the tolerance; the faces beside them need the rest.
 PART_FOR_LINES = 0.5
 
-# Values on the right side of a line leave the range of those around their vertex by no more than this part of the range,
-# mostly.
+# Values on the right side of a line leave the range around their vertex by no more than this part of it, mostly.
 WIDENED = 0.1
 
 # The weight of vertices that Decimate may move; edges at vertices of weight 0 it leaves alone.

@@ -89,10 +89,8 @@ def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.M
 
 def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
     """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and the counted modifiers."""
-    base, subdivision = (
-        base_modifiers(blender_object, use_modifiers=use_modifiers),
-        subdivision_modifier(blender_object),
-    )
+    base = base_modifiers(blender_object, use_modifiers=use_modifiers)
+    subdivision = subdivision_modifier(blender_object)
     return base if subdivision is None else [*base, subdivision]
 
 

@@ -66,7 +66,7 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
 
 
 def _result_fault(blender_object: bpy.types.Object) -> str:
-    """The reason why a result is not subdivided, or None."""
+    """The reason why a result is not subdivided."""
     if result_record.is_result(blender_object):
         return (
             f"it is a result already, made from “{blender_object.ccdepth.source_name}”; use Update Result to make it "
