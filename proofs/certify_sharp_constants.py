@@ -50,7 +50,8 @@ from ccdepth_addon.core.surface.patches import extraordinary_nets
 from ccdepth_addon.core.surface.stencils import stencil_patch
 from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles
 
-LAST_VALENCE = 128
+# The first and the last valence of each row of the tables.
+ROWS = [(3, 3), *((valence, valence) for valence in range(5, 33)), (33, 48), (49, 64), (65, 96), (97, 128)]
 LAST_LEVEL = 9
 PERIOD = 8
 TILED_LEVELS = 24
@@ -217,6 +218,15 @@ def sharp_constants(valence: int) -> SharpConstants:
     return SharpConstants(valence, factors, reached, certified_rate(geometry, certifier, factors))
 
 
+def joined(some: list[SharpConstants]) -> SharpConstants:
+    """The largest constants of some valences, as those of the last one."""
+    factors, reached = (
+        {vertices: np.max([vars(each)[name][vertices] for each in some], axis=0).tolist() for vertices in Vertices}
+        for name in ("factors", "reached")
+    )
+    return SharpConstants(some[-1].valence, factors, reached, max(each.rate for each in some))
+
+
 def report(constants: SharpConstants, seconds: float) -> None:
     print(f"valence {constants.valence}: rate {constants.rate:g} over {PERIOD} levels ({seconds:.1f} s)")
     for vertices in Vertices:
@@ -238,7 +248,8 @@ def written(constants: list[SharpConstants]) -> str:
 
     python -m proofs.certify_sharp_constants
 
-Each row has the factors of levels 0, 1, 2, …; after these the last PERIOD factors recur, times the rate each time.
+Each row has the factors of levels 0, 1, 2, …; after these the last PERIOD factors recur, times the rate each time. A
+row of a valence over 32 has the largest factors since the row before.
 """
 
 PERIOD = {PERIOD}
@@ -262,13 +273,13 @@ def compact(value: float) -> str:
 
 def main() -> None:
     chosen = [int(argument) for argument in sys.argv[1:]]
-    constants = []
-    for valence in chosen or [3, *range(5, LAST_VALENCE + 1)]:
+    rows = []
+    for first, last in zip(chosen, chosen, strict=True) if chosen else ROWS:
         begun = time.perf_counter()
-        constants.append(sharp_constants(valence))
-        report(constants[-1], time.perf_counter() - begun)
+        rows.append(joined([sharp_constants(valence) for valence in range(first, last + 1)]))
+        report(rows[-1], time.perf_counter() - begun)
     if not chosen:
-        TABLES.write_text(written(constants), encoding="utf-8")
+        TABLES.write_text(written(rows), encoding="utf-8")
 
 
 if __name__ == "__main__":

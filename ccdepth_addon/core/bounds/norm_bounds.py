@@ -154,11 +154,11 @@ def sharp_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBounds:
     For regular patches the published factors are the best: M/3, M/4 and their rate of 1/4 are reached.
     """
     valence = (len(net) - 8) // 2
-    if valence not in sharp_constants.RATES:
+    row = min((last for last in sharp_constants.RATES if last >= valence), default=None)
+    if row is None:
         return second_order_extraordinary(net, vertices)
-    factors = SHARP_FACTORS[vertices][valence]
     norm = second_order_norm_extraordinary(net)
-    return PatchBounds(norm, sharp_constants.RATES[valence], factors, sharp_constants.PERIOD)
+    return PatchBounds(norm, sharp_constants.RATES[row], SHARP_FACTORS[vertices][row], sharp_constants.PERIOD)
 
 
 def first_order_rate(valence: int) -> float:
