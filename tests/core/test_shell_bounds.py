@@ -15,6 +15,7 @@ from ccdepth_addon.core.distance.shell_bounds import shell_bounds
 from ccdepth_addon.core.distance.shells import Shell, Triangles
 from ccdepth_addon.core.distance.side_bounds import raised_at_sides
 from ccdepth_addon.core.mesh.level_quads import QUAD_TRIANGLES
+from ccdepth_addon.core.surface.triangle_coefficients import bicubic_basis
 from tests import meshes
 from tests.triangle_distances import distances
 
@@ -72,6 +73,33 @@ def test_no_point_of_a_piece_is_farther_than_its_bound(bumps: float, size: float
     real = np.arange(3 * len(shell.triangles.vertices)).reshape(-1, 3)
     off = distances(points.reshape(-1, 3), shell.triangles.corners.reshape(-1, 3), real, 0.0)
     assert np.all(off.reshape(points.shape[:2]).max(axis=1) <= bounds[placed] * (1 + 1e-9) + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("slope", "columns", "hull"),
+    [
+        (0.1, [-2, -1, 0, 1, 2], [(-0.09, 0), (0.0012, -0.0195), (-0.09, 0), (-0.09, 0)]),
+        (0.0, [0, 1, 2], [(-0.0097, 0), (0.000001, -0.019), (-0.0097, -0.001), (-0.0097, 0)]),
+    ],
+    ids=["beside a fold", "beside a border"],
+)
+def test_hulls_higher_than_their_surface_count_at_walls(
+    slope: float, columns: list[int], hull: list[tuple[float, float]]
+) -> None:
+    """All coefficients of a bicubic piece but those just inside the side are beyond the side at x = 0."""
+    positions = np.array([[x, y, slope * max(-x, 0)] for y in (-1.5, -0.5, 0.5, 1.5) for x in columns])
+    count = len(columns)
+    first = (np.arange(3)[:, None] * count + np.arange(count - 1)).reshape(-1, 1, 1)
+    vertices = (first + np.array([[0, 1, count + 1], [0, count + 1, count]])).reshape(-1, 3)
+    shell = Shell.of(Triangles.of(positions[vertices], vertices), np.ones(len(positions), dtype=bool), 0.01)
+    corners = positions[vertices]
+    own = (corners[..., 0].min(axis=1) == 0) & (np.abs(corners[..., 1]).max(axis=1) < 1)
+    own &= np.count_nonzero(corners[..., 0] == 0, axis=1) == 2
+    points = np.array([[x, 0.01 * j / 3, z] for x, z in hull for j in range(4)])
+    flats = np.array([[0.01 + 0.05 * i / 3, 0.01 * j / 3, 0] for i in range(4) for j in range(4)])
+    bound = shell_bounds(shell, Pieces(np.flatnonzero(own)[:1], points[:, None], flats[:, None]))[0]
+    places = np.stack(np.meshgrid(np.linspace(0, 1, 101), [0.0, 0.5, 1.0]), axis=-1).reshape(-1, 2)
+    assert distances(bicubic_basis(places) @ points, positions, vertices, 0.0).max() <= bound
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -94,14 +94,16 @@ class Beyond:
             for axis in (upwards, inwards)
         )
         share = cosine / own_cosine
-        at_wall = np.abs(share) * seen.heights + np.abs(sine - share * own_sine) * thick
+        # Points at the wall belong to the hull, which may be higher than the surface.
+        highest = np.abs(seen.along(component_major(triangles.normals[seen.own]), 0)).max(axis=0)
+        at_wall = np.abs(share) * highest + np.abs(sine - share * own_sine) * thick
         bounds = np.maximum(reached, at_wall) / self.shell.cosines[self.across]
         bounds = np.where(own_cosine > 0, bounds, np.inf)
         closed = np.flatnonzero(triangles.is_closed[seen.own, (seen.turns + self.number) % 3])
         if len(closed):
             some = seen.at(closed)
             off = np.where(are_beyond[:, closed], off_side(some, self.number), 0.0).max(axis=0)
-            lifted = (some.heights + 2 * thick[closed]) / np.maximum(own_cosine[closed], 1e-300)
+            lifted = (highest[closed] + 2 * thick[closed]) / np.maximum(own_cosine[closed], 1e-300)
             off = np.hypot(np.maximum(off, lifted), slid_along(some, self.number, ranges[closed]))
             bounds[closed] = np.maximum(bounds[closed], off)
         return bounds
