@@ -12,7 +12,7 @@ from ccdepth_addon.core.adaptive.surface_pieces import (
     pieces_over,
     quarter_keys,
 )
-from ccdepth_addon.core.adaptive.template_rows import barycentric
+from ccdepth_addon.core.adaptive.template_rows import barycentric_rows
 from ccdepth_addon.core.adaptive.templates import (
     COUNTS,
     COUNTS_OF_TRIANGLE,
@@ -59,7 +59,8 @@ def test_pieces_of_quads_are_all_of_a_square_and_over_their_triangles(place: tup
         for piece in pieces:
             np.testing.assert_allclose(piece.hulls, piece.flats, atol=1e-14)
             corners = drawn[piece.triangles[0], :, :2]
-            weights = barycentric(corners, piece.flats[:, 0, :2])
+            rows, size = barycentric_rows(corners)
+            weights = np.pad(piece.flats[:, 0, :2], ((0, 0), (0, 1)), constant_values=1.0) @ rows / size
             assert weights.min() >= -1e-14
             rows = {16: [0, 12, 15, 3], 28: [0, 21, 27]}[len(weights)]
             total += area(weights[rows] @ corners)

@@ -48,7 +48,6 @@ def cheaper_split(plan: Plan) -> tuple[IndexArray, IndexArray]:
     quads = tree.leaves()
     if request.transitions is not Transitions.TRIANGLES or not request.may_halve:
         quads = quads[:0]
-    quads = quads[tree.is_quad(quads)]
     quads = quads[plan.surfaces.are_bicubic(quads)]
     edges = tree.slot_edges[tree.quad_slots(quads)]
     are_split, are_border = tree.edge_children[edges] != NONE, plan.are_border(edges)

@@ -93,7 +93,7 @@ def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
     wanted = wanted[~has_feet]
     plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
     failed = wanted[plan.along_surface.values[wanted] > limit]
-    others = failed[~_are_bicubic(plan, failed)]
+    others = failed[~plan.surfaces.are_bicubic(failed)]
     if len(others):
         bounds = _irregular_at_equal(plan, others)
         within = bounds <= limit
@@ -112,13 +112,9 @@ def bounds_both_ways(plan: Plan, leaves: IndexArray) -> FloatArray:
     return np.where(plan.at_equal.values[leaves] <= plan.request.limit, found, around)
 
 
-def _are_bicubic(plan: Plan, leaves: IndexArray) -> BoolArray:
-    return plan.tree.is_quad(leaves) & plan.surfaces.are_bicubic(leaves)
-
-
 def _bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
     """Bound the bicubic leaves among some at equal parameters."""
-    for some in index_chunks(leaves[_are_bicubic(plan, leaves)], FEW_LEAVES_AT_ONCE):
+    for some in index_chunks(leaves[plan.surfaces.are_bicubic(leaves)], FEW_LEAVES_AT_ONCE):
         drawn = plan.approximation(some)
         numbers = template_numbers(drawn.patterns, drawn.alternatives)
         bounds = bounds_at_equal(plan.surfaces.coefficients(some), numbers, plan.request.limit) + drawn.thickness
@@ -198,7 +194,7 @@ def _drawn_tiles(plan: Plan, leaves: IndexArray, levels: int) -> Iterator[DrawnT
     around extraordinary vertices."""
     tree, drawn = plan.tree, plan.approximation(leaves)
     is_quad = tree.is_quad(leaves)
-    is_bicubic = _are_bicubic(plan, leaves)
+    is_bicubic = plan.surfaces.are_bicubic(leaves)
     numbers = template_numbers(drawn.patterns, drawn.alternatives)
     if len(own := np.flatnonzero(is_bicubic)):
         tiles = Tiles(Squares.whole(len(own)), plan.surfaces.coefficients(leaves[own]))

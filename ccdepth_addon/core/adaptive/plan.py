@@ -28,9 +28,6 @@ SEARCH_STEP = 1.1
 # The distances at samples decide how to split a leaf where the largest exceeds this part of the limit.
 TELLING = 0.25
 
-# The pattern of a leaf without an approximation.
-UNKNOWN = np.int8(-1)
-
 
 class TooManyFacesError(ValueError):
     """The error of a result with more faces than allowed. faces: their estimated number; tolerance: an estimate of a
@@ -157,7 +154,7 @@ class Plan:
         children."""
         self._refuse_too_many(leaves)
         found = [np.zeros(0, dtype=np.intp)]
-        is_bicubic = self.tree.is_quad(leaves) & self.surfaces.are_bicubic(leaves)
+        is_bicubic = self.surfaces.are_bicubic(leaves)
         for way in (ALONG_U, ALONG_V):
             found.append(self._split_alike(leaves[is_bicubic & (ways == way)], way))
         twice = self._split_alike(leaves[is_bicubic & (ways == QUARTERS)], ALONG_U)

@@ -23,7 +23,7 @@ from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..distance.leaf_surfaces import Tiles
 from ..distance.piece_hulls import Pieces
 from ..distance.pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form
-from ..surface.bicubic import HALVES
+from ..surface.bicubic import GREVILLE, HALVES
 from ..surface.squares import WHOLE_QUAD, Square, Squares
 from .template_rows import barycentric_rows, clipped, functionals
 from .templates import (
@@ -34,9 +34,6 @@ from .templates import (
     TRIANGLES,
     TRIANGLES_OF_TRIANGLE,
 )
-
-# (16, 2): the parameters of the Bernstein coefficients of a bicubic square.
-GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
 # Weights below this are 0, as all weights are small multiples of powers of a half.
 NOTHING = 2.0**-40

@@ -73,13 +73,6 @@ def _off_template(number: int, *, fine: bool = False) -> FloatArray:
     return np.ascontiguousarray(found[np.any(found != 0, axis=1)])
 
 
-def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
-    """(…, 3): points (…, 2) as averages of a triangle's vertices (3, 2). Dividend and divisor are exact for
-    parameters."""
-    opposite, doubled_area = barycentric_rows(triangle)
-    return (np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ opposite) / doubled_area
-
-
 def barycentric_rows(triangle: FloatArray) -> tuple[FloatArray, float]:
     """(3, 3): the matrix from places (u, v, 1) to the weights of a triangle's vertices (3, 2), times twice the area;
     and twice the area. Both are exact for parameters."""

@@ -70,8 +70,7 @@ def _rotated(triangle: Triangle, turns: int) -> Triangle:
     return a, b, c
 
 
-# For each pattern the number of sides it is turned by, and the number of its templates.
-TURNS = np.array([_turns(pattern) for pattern in range(16)])
+# For each pattern the number of its templates.
 COUNTS = np.array([0 if pattern == ALL_SPLIT else len(templates(pattern)) for pattern in range(16)])
 
 

@@ -15,12 +15,10 @@ import numpy as np
 from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
 from ..bounds.norm_bounds import Vertices
-from ..surface.bicubic import CORNERS, NET_TO_BERNSTEIN, SPLINE_HALVES
+from ..surface.bicubic import CORNERS, GREVILLE, NET_TO_BERNSTEIN, SPLINE_HALVES
 from ..surface.squares import SQUARE
 from ..surface.triangle_coefficients import coefficients_over
 from .foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, foot_distances
-
-GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
 # The corners of the leaf's two triangles, and the net's points at the corners.
 TRIANGLES = [0, 1, 2], [0, 2, 3]

@@ -23,7 +23,7 @@ from ..mesh.submesh import corners_of_faces
 from ..surface.bicubic import NET_TO_BERNSTEIN
 from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
-from ..surface.squares import QUARTER_TURN, SQUARE, Squares
+from ..surface.squares import SQUARE, TURNS, Squares
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 
 # The rest at an extraordinary vertex shrinks by 0.41 a level for valence 3, and by up to 0.68 for other valences: more
@@ -138,8 +138,7 @@ def _box_around(mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
 def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
     """The squares with other corners (P,) as corner 0."""
     origins = squares.origins + np.einsum("pi,pij->pj", SQUARE[corners], squares.axes)
-    turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)])
-    return Squares(squares.bases, origins, turns[corners] @ squares.axes)
+    return Squares(squares.bases, origins, TURNS[corners] @ squares.axes)
 
 
 def tiles_around_vertex(nets: FloatArray, valence: int, squares: Squares, levels: int) -> Iterator[Tiles]:

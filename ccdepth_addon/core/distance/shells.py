@@ -85,9 +85,7 @@ def _cut(
     while True:
         before = labels.copy()
         for first, second in pairs:
-            # The vertices at sides of unknown triangles differ.
-            same = vertices[first] == vertices[second]
-            np.minimum.at(labels, tuple(each[same] for each in first), labels[second][same])
+            np.minimum.at(labels, first, labels[second])
         if np.array_equal(before, labels):
             break
     _, first, cut = np.unique(labels, return_index=True, return_inverse=True)

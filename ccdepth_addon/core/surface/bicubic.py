@@ -25,6 +25,9 @@ SPLINE_HALVES = (
 # The coefficients at corners 0 to 3 of a face.
 CORNERS = np.array([0, 12, 15, 3])
 
+# (16, 2): the parameters of the Bernstein coefficients.
+GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
+
 
 def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
     """(rows, P, 3): the values of functionals (rows, 16) on nets (4, 4, P, 3)."""

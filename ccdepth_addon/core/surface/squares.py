@@ -12,8 +12,8 @@ from ..arrays.types import FloatArray, IndexArray
 # The corners of a quad's parameters.
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
-# A quarter turn, counter-clockwise, of row vectors.
-QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+# The turns of row vectors by 0 to 3 quarters, counter-clockwise.
+TURNS = np.stack([np.linalg.matrix_power(np.array([[0.0, 1.0], [-1.0, 0.0]]), turn) for turn in range(4)])
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,7 @@ class Squares:
     def children(self) -> Squares:
         """The four children of each, from corner 0 on; corner 0 of a child is a corner of the square."""
         origins = self.origins[:, None] + np.einsum("ci,nij->ncj", SQUARE, self.axes)
-        turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)]) / 2
-        axes = np.einsum("cij,njk->ncik", turns, self.axes)
+        axes = np.einsum("cij,njk->ncik", TURNS / 2, self.axes)
         return Squares(np.repeat(self.bases, 4), origins.reshape(-1, 2), axes.reshape(-1, 2, 2))
 
     def corners(self) -> FloatArray:
