@@ -11,7 +11,9 @@ from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.deviation import leaf_deviations
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
+from ccdepth_addon.core.surface.bicubic import NET_TO_BERNSTEIN
 from ccdepth_addon.core.surface.refinement import Refinement
+from ccdepth_addon.core.surface.triangle_coefficients import bicubic_basis
 from tests import meshes
 from tests.core.test_distance_depth import MESHES
 from tests.drawn_levels import points_of
@@ -129,6 +131,27 @@ def test_a_map_bounds_both_ways_between_a_leaf_and_its_own_triangles(name: str, 
             assert np.all((bounds <= limit) | np.isinf(bounds))
             assert np.all(found[:, 0] <= bounds[chosen] + 1e-12)
             assert np.all(found[:, 1] <= bounds[chosen] + FINE * sizes)
+
+
+# Of a bicubic patch with uneven parameters, so that sides of its parts cross the diagonal.
+UNEVEN = [
+    [[0, 0, 0], [0, 1.167, 0.312], [0, 0.485, 0.373], [0, 1, 0.065]],
+    [[0.176, 0, 0.591], [-0.042, 0.46, 0.327], [0.698, 0.699, 0.324], [1.046, 1, -0.441]],
+    [[0.461, 0, -0.432], [0.689, 0.009, 0.056], [2.322, 0.334, 0.903], [0.808, 1, -0.155]],
+    [[1, 0, 0.065], [1, 0.639, 0.645], [1, 0.764, -0.09], [1, 1, 0]],
+]
+
+
+def test_a_map_bounds_what_is_mapped_beside_the_triangles() -> None:
+    """Beyond undivided cells the middles of sides are mapped to the middles of images, off the triangles."""
+    coefficients = np.array(UNEVEN).reshape(16, 3)
+    mesh = meshes.to_polygon_mesh(meshes.grid(3, 3)).changed(positions=np.linalg.solve(NET_TO_BERNSTEIN, coefficients))
+    some = DrawnLeaves.of(Refinement.start(mesh, np.array([4])), np.zeros(1, dtype=bool), Vertices.LIMIT, None)
+    places = np.stack(np.meshgrid(*[np.linspace(0, 1, 65)] * 2), axis=-1).reshape(-1, 2)
+    points = np.repeat((bicubic_basis(places) @ coefficients)[:, None], 4, axis=1)
+    far = own_distances(some.points[0], points, is_turned=False)[0]
+    bounds = [some.mapped(factor * far, 0.0)[0] for factor in np.linspace(0.97, 1.05, 81)]
+    assert min(bounds) >= far
 
 
 def test_only_convex_leaves_drawn_along_a_known_diagonal_have_maps() -> None:

@@ -96,13 +96,14 @@ class Roofs:
 @dataclass(frozen=True)
 class Cells:
     """N cells of the surface, of one size. pieces, leaves: (N,) intp, the piece and the leaf of each. corners: (N, 4)
-    intp, the place in the leaf of each corner; images: (N, 4, 3), of the corners. halved: (N,) intp, the number of
-    times that a bicubic patch was halved."""
+    intp, the place in the leaf of each corner; images: (N, 4, 3), of the corners; off: (N, 4), their distances from the
+    triangles. halved: (N,) intp, the number of times that a bicubic patch was halved."""
 
     pieces: IndexArray
     leaves: IndexArray
     corners: IndexArray
     images: FloatArray
+    off: FloatArray
     halved: IndexArray
 
     def at(self, chosen: BoolArray) -> Cells:
@@ -122,7 +123,8 @@ def mapped_bounds(
     # Corners of pieces at an extraordinary vertex are counted from this vertex on.
     turns = (pieces.unit_mesh.corner_edges.reshape(-1, 4)[leaves] == pieces.sides[leaves, :1]).argmax(axis=1)
     turned = (turns[:, None] + np.arange(4)) % 4
-    cells = Cells(leaves, leaves, CORNERS_OF_LEAF[turned], quads[leaves[:, None], turned], np.zeros_like(leaves))
+    off, halved = np.zeros(turned.shape), np.zeros_like(leaves)
+    cells = Cells(leaves, leaves, CORNERS_OF_LEAF[turned], quads[leaves[:, None], turned], off, halved)
     for times in range(QUARTERED + 1):
         bounds = _bounds(pieces, roofs, cells, limit)
         # Of numbers beyond double precision nothing is proved.
@@ -146,10 +148,11 @@ def _bounds(pieces: BezierPieces, roofs: Roofs, cells: Cells, limit: float) -> F
         squares = (apart * apart).sum(axis=1)
         found[some] = np.sqrt(squares.max(axis=1)) + pieces.excess[which]
         found[some][squares[:, CORNERS].max(axis=1) > limit * limit] = np.inf
-        # Bilinear images over both triangles are off the triangles.
+        # Bilinear images over both triangles are off the triangles, and so may be their corners.
         folds = roofs.folded(images, cells.leaves[some][:, None])
         over, under = np.maximum(folds.max(axis=1), 0.0), np.maximum(-folds.min(axis=1), 0.0)
         found[some] += np.divide(over * under, over + under, out=np.zeros_like(over), where=over * under > 0)
+        found[some] += cells.off[some].max(axis=1)
     return found
 
 
@@ -179,10 +182,15 @@ def _quartered(pieces: BezierPieces, roofs: Roofs, cells: Cells) -> Cells:
     share = dot_products(points[at, 4 + side] - start[at, side], along)
     share /= np.maximum(squared_norms(along), np.finfo(float).tiny)
     images[at, 4 + side] = start[at, side] + np.clip(share, 0.0, 1.0)[:, None] * along
+    off = np.concatenate([cells.off, np.zeros((count, 5))], axis=1)
+    at, side = np.nonzero(~is_bent[:, :4] & (pieces.sides[which] == NONE))
+    middles = images[at, 4 + side]
+    off[at, 4 + side] = np.sqrt(squared_norms(middles - roofs.images(middles, cells.leaves[at])))
     return Cells(
         children.ravel(),
         np.repeat(cells.leaves, 4),
         corners[rows, nine].reshape(-1, 4),
         images[rows, nine].reshape(-1, 4, 3),
+        off[rows, nine].reshape(-1, 4),
         np.repeat(cells.halved + is_patch, 4),
     )
