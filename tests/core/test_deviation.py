@@ -17,9 +17,10 @@ from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
 from ccdepth_addon.core.deviation.bezier_pieces import bezier_pieces
 from ccdepth_addon.core.deviation.mesh_to_surface import Facets
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.limit_positions import limit_positions
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets, soundness
 from tests.brute_force import quad_places
 from tests.core import test_adaptive
@@ -314,6 +315,20 @@ def test_degenerate_triangles_change_nothing() -> None:
     found = measure_deviation(control, positions, folded)
     assert found.accuracy_met
     assert found.proved == pytest.approx(plain.proved, rel=ACCURACY)
+
+
+def test_a_point_of_the_border_may_be_off_all_boxes_by_rounding() -> None:
+    corners = np.array(
+        [
+            [0.0, 0.0, 0.0],
+            [-0.12696151435375214, -0.05629945546388626, -0.01631905883550644],
+            [-0.10455115139484406, -0.06694618612527847, -0.15394024550914764],
+            [0.022410361096262932, -0.010646732524037361, -0.1376211792230606],
+        ]
+    )
+    quad = apply_boundary_rule(polygon_mesh(corners, np.array([4]), np.arange(4)), smooth_corners=False)
+    found = measure_deviation(quad, corners, np.array([[0, 1, 2], [0, 2, 3], [2, 2, 2]]), tolerance=1e-3)
+    assert found.proved <= 1e-3
 
 
 def test_bad_input() -> None:

@@ -18,7 +18,7 @@ from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree
 from .columns import NONE, columns
 from .covering_pieces import over_pieces
-from .surface_to_mesh import SurfaceToMesh, first_of_each
+from .surface_to_mesh import ROUNDINGS, SurfaceToMesh, first_of_each
 from .triangles import Triangles, distance_slack, to_triangles
 
 # The number of parts with corners tried for reached distances, the number of corners measured then, and the relative
@@ -116,7 +116,7 @@ class Leaves:
         distances between surface and facets, of pieces with a leaf that can be nearest."""
         tried = self.tree.beside(places)
         reach = self.facets.distances(places, tried)[0] + share * self.facets.off[tried]
-        reach = reach * (1 + 1e-12) + np.finfo(float).tiny
+        reach = reach * (1 + 1e-12) + ROUNDINGS * np.abs(places).max(initial=0.0) + np.finfo(float).tiny
         return self.tree.near(places, reach)
 
     def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
@@ -246,8 +246,8 @@ class MeshToSurface:
         parts.leaves[block] = nearest.pieces
         np.maximum.at(self.findings.in_faces, self._faces(parts.at(block)), near - nearest.off)
         self._bound_by_heights(parts, block, self._directions(parts, block, nearest))
-        left = block[parts.bounds[block] > self._goals(parts.at(block))]
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
+        left = block[place]
         bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance
         parts.bounds[left] = np.minimum(parts.bounds[left], bounds)
 
