@@ -43,7 +43,7 @@ def suzanne_once() -> tuple[PolygonMesh, float]:
     """Suzanne after one step, and her diagonal."""
     scene.clear()
     mesh = scene.polygon_mesh_of(scene.add_suzanne().data)
-    once = subdivide(apply_boundary_rule(mesh, smooth_corners=True)).mesh
+    once = subdivide(apply_boundary_rule(mesh, smooth_corners=True))
     return once, float(np.linalg.norm(np.ptp(once.positions, axis=0)))
 
 

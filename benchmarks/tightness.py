@@ -160,7 +160,7 @@ def measure_near(
         children = np.flatnonzero(core.corner_vertices[: core.face_starts[len(faces)]] == vertex)
         # Children come in the order of the corners, and vertex points first.
         part = submesh(own.mesh(1), children)[0]
-        core = submesh(subdivide(core).mesh, children)[0]
+        core = submesh(subdivide(core), children)[0]
         own.remove()
         vertex = int(part.corner_vertices[0])
         quads = part.corner_vertices.reshape(-1, 4).tolist()

@@ -106,7 +106,7 @@ def refined(mesh: Any, steps: int) -> Any:
     from ccdepth_addon.core.surface.catmull_clark import subdivide
 
     for _ in range(steps):
-        mesh = subdivide(mesh).mesh
+        mesh = subdivide(mesh)
     return mesh
 
 

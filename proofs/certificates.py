@@ -194,7 +194,7 @@ class Certifier:
 def tiles(patch: PolygonMesh, levels: int) -> Iterator[tuple[int, int, FloatArray]]:
     """The tiles: (level, tile, net of the tile (4, 4, 2n + 8)); last (levels, 0, limits of the corners of the rest)."""
     for level in range(1, levels + 1):
-        children = subdivide(submesh(patch, np.array([0]))[0]).mesh
+        children = subdivide(submesh(patch, np.array([0]))[0])
         nets = regular_nets(children, np.array([1, 2]))
         for tile in TILES:
             yield level, tile, nets[:, :, tile - 1]

@@ -96,7 +96,7 @@ class Geometry:
         patch = stencil_patch(valence)
         corners = patch.corner_vertices[:4]
         facets = {Vertices.CONTROL: patch.positions[corners], Vertices.LIMIT: limit_positions(patch)[corners]}
-        fine = subdivide(submesh(patch, np.array([0]))[0]).mesh
+        fine = subdivide(submesh(patch, np.array([0]))[0])
         *children, (_, _, last_corners) = tiles(patch, TILED_LEVELS)
         return Geometry(extraordinary_nets(fine, np.array([0]), valence)[:, 0], facets, children, last_corners)
 

@@ -59,7 +59,7 @@ class Levels:
     def subdivided(self, level: int) -> PolygonMesh:
         """The core's mesh of a level, which is also the order of its faces and vertices."""
         while len(self._meshes) <= level:
-            self._meshes.append(subdivide(self._meshes[-1]).mesh)
+            self._meshes.append(subdivide(self._meshes[-1]))
         return self._meshes[level]
 
     def limits(self, level: int) -> FloatArray:
@@ -121,7 +121,7 @@ def reached(mesh: PolygonMesh, faces: IndexArray, level: int, vertices: str) -> 
 def _children(mesh: PolygonMesh, bases: IndexArray) -> tuple[PolygonMesh, IndexArray]:
     """The children of the mesh's first faces, and around them no more than they depend on; and their base faces."""
     bases = np.repeat(bases, mesh.face_sizes[: len(bases)])
-    return submesh(subdivide(mesh).mesh, np.arange(len(bases)))[0], bases
+    return submesh(subdivide(mesh), np.arange(len(bases)))[0], bases
 
 
 @dataclass

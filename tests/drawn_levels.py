@@ -30,7 +30,7 @@ class Level:
         self.parameters = np.tile(SQUARE, (mesh.face_count, 1)) if np.all(mesh.face_sizes == 4) else None
 
     def refined(self) -> Level:
-        following = Level(subdivide(self.mesh).mesh, self.is_turned)
+        following = Level(subdivide(self.mesh), self.is_turned)
         following.axes, following.owners = self.axes, np.repeat(self.owners, self.mesh.face_sizes)
         if self.parameters is not None:
             following.parameters = linear_children(self.mesh, self.parameters).reshape(-1, 2)

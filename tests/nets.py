@@ -143,5 +143,5 @@ def published_depth(valence: int, norm: float, tolerance: float) -> int:
 
 def refined(mesh: PolygonMesh, levels: int) -> PolygonMesh:
     for _ in range(levels):
-        mesh = subdivide(mesh).mesh
+        mesh = subdivide(mesh)
     return mesh

@@ -22,7 +22,7 @@ def uniform(mesh: PolygonMesh, level: int) -> SubdividedMesh:
         inner = np.full(fine.corner_count + fine.face_count, -1)
         vertex_edges = np.concatenate([vertex_edges, base_edges, inner[: fine.face_count]])
         base_edges = np.concatenate([np.repeat(base_edges, 2), inner[: fine.corner_count]])
-        fine = subdivide(fine).mesh
+        fine = subdivide(fine)
     points = uniform_points(mesh, level)
     _, first = np.unique(fine.corner_vertices, return_index=True)
     base_vertices = np.full(fine.vertex_count, -1)
@@ -46,10 +46,10 @@ def uniform_points(mesh: PolygonMesh, level: int) -> SurfacePoints:
     """Where the corners of the mesh at that level lie, in their order."""
     corners = np.arange(mesh.corner_count)
     parameters = np.tile(SQUARE, (mesh.corner_count, 1))
-    fine = subdivide(mesh).mesh
+    fine = subdivide(mesh)
     for _ in range(level - 1):
         parameters = linear_children(fine, parameters)
-        fine = subdivide(fine).mesh
+        fine = subdivide(fine)
     return SurfacePoints(np.repeat(corners, 4**level), parameters)
 
 

@@ -92,7 +92,7 @@ def after_many_levels(mesh: PolygonMesh) -> np.ndarray:
         new_number = np.zeros(mesh.vertex_count, dtype=np.intp)
         new_number[mesh.corner_vertices[corners_of_faces(mesh, kept)]] = part.corner_vertices
         at = new_number[at]
-        mesh = subdivide(part).mesh
+        mesh = subdivide(part)
     positions[vertices] = mesh.positions[at]
     return positions
 

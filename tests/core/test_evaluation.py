@@ -60,7 +60,7 @@ def test_a_point_is_where_its_child_has_it(name: str, corner: int, level: int, n
     # In the child the quarter at its first corner holds what lies within half of its parameters.
     child = SurfacePoints(np.array([4 * corner]), np.array([[u, v]]))
     parent = SurfacePoints(np.array([corner]), np.array([[u / 2, v / 2]]))
-    refined = subdivide(mesh).mesh
+    refined = subdivide(mesh)
     np.testing.assert_allclose(
         limit_values(mesh, mesh.positions, parent),
         limit_values(refined, refined.positions, child),
@@ -119,7 +119,7 @@ def test_have_unit_length_are_square_to_the_surface_and_stay_the_same(name: str)
     points = SurfacePoints(corners, np.random.default_rng(1).integers(16, 1008, (len(corners), 2)) / 1024)
     expected = normals_by_differences(mesh, points)
     np.testing.assert_allclose(limit_normals(mesh, points), expected, rtol=0, atol=BY_DIFFERENCES)
-    found = at_vertex(subdivide(mesh).mesh, 4 * corners, 0.75)
+    found = at_vertex(subdivide(mesh), 4 * corners, 0.75)
     np.testing.assert_allclose(found, at_vertex(mesh, corners, 0.375), rtol=0, atol=1e-10)
 
 
@@ -127,7 +127,7 @@ def test_have_unit_length_are_square_to_the_surface_and_stay_the_same(name: str)
 def test_at_smooth_vertices_are_what_the_normals_around_close_in_on(name: str) -> None:
     """From every face at the vertex alike, though by another path: derivatives beside the vertex. After a step faces
     have no more than one extraordinary vertex."""
-    for mesh in (build(name), subdivide(build(name)).mesh):
+    for mesh in (build(name), subdivide(build(name))):
         corners = np.arange(mesh.corner_count)
         here, beside = at_vertex(mesh, corners), at_vertex(mesh, corners, 2.0**-30)
         # Normals differ by the ratio of the eigenvalues of bending and of the tangents, 0.25 / 0.41 at least or, for
@@ -193,6 +193,6 @@ def test_limits_from_rings_are_those_by_refinement(seed: int, smooth_corners: bo
     data = meshes.with_random_creases(meshes.landscape(9, 8, seed=seed), seed=seed, share=0.1 * (seed + 1))
     mesh = meshes.build(data, smooth_corners=smooth_corners)
     for _ in range(3):
-        mesh = subdivide(mesh).mesh
+        mesh = subdivide(mesh)
         expected = limit_positions(mesh)[mesh.corner_vertices].reshape(-1, 4, 3)[:, 1:]
         np.testing.assert_allclose(limits_of_new_vertices(mesh, mesh.face_count), expected, rtol=0, atol=ROUNDING)

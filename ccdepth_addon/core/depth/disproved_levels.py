@@ -307,7 +307,7 @@ class _Leaves:
         for place in range(int(counts.max(initial=0))):
             some = np.flatnonzero(place < counts[leaves])
             which = order[first[leaves[some]] + place]
-            off = to_triangles(columns(points[some]), _columns(corners[which]))[0]
+            off = to_triangles(columns(points[some]), columns(corners[which]))[0]
             nearer = off < found[some]
             some, which = some[nearer], which[nearer]
             found[some] = off[nearer]
@@ -327,7 +327,7 @@ class _Leaves:
         if len(corners):
             owners, which = overlapping(around, BoxTree.around(corners.min(axis=1), corners.max(axis=1)))
             own = corners[which]
-            off = to_triangles(columns(points[owners]), _columns(own))[0]
+            off = to_triangles(columns(points[owners]), columns(own))[0]
             found.append((owners, off * (1 - RELATIVE_SLACK) - distance_slack(own.swapaxes(0, 1))))
         polygons, normals, low, high = self.slabs()
         if len(polygons):
@@ -344,11 +344,6 @@ def _off_slabs(
     """(n,): lower bounds of the distances from points (n, 3) to a slab each, ``which`` (n,) of ``_Leaves.slabs``."""
     heights = dot_products(points, normals[which])
     return np.maximum(low[which] - heights, heights - high[which])
-
-
-def _columns(corners: FloatArray) -> FloatArray:
-    """(3, 3, T): triangles (T, 3, 3) in the layout of ``to_triangles``."""
-    return np.ascontiguousarray(corners.transpose(1, 2, 0))
 
 
 def _largest_of_each(values: FloatArray, bases: IndexArray, count: int) -> IndexArray:

@@ -286,9 +286,9 @@ class BezierPieces:
 def bezier_pieces(control: PolygonMesh, units_wanted: int, tick: Callable[[], None]) -> BezierPieces:
     """The limit surface of a mesh with explicit sharpness. units_wanted: levels of units are added while they have no
     more units than this."""
-    mesh, faces = subdivide(control).mesh, control.corner_faces
+    mesh, faces = subdivide(control), control.corner_faces
     while 4 * mesh.face_count <= units_wanted:
-        mesh, faces = subdivide(mesh).mesh, np.repeat(faces, 4)
+        mesh, faces = subdivide(mesh), np.repeat(faces, 4)
         tick()
     return BezierPieces(Refinement(mesh, np.arange(mesh.face_count)), faces, tick)
 

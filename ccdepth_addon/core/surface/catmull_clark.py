@@ -7,8 +7,6 @@ sharp ones after the sources of ``sharpness``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
@@ -17,16 +15,8 @@ from ..mesh.polygon_mesh import PolygonMesh
 from .sharpness import VertexRule, decremented, has_semi_sharp, rules_of
 
 
-@dataclass(frozen=True)
-class CatmullClarkStep:
-    """The mesh after one step, and (faces,) intp the face of the mesh before it that each face comes from."""
-
-    mesh: PolygonMesh
-    parent_faces: IndexArray
-
-
-def subdivide(mesh: PolygonMesh) -> CatmullClarkStep:
-    """One Catmull-Clark step of a mesh whose sharpness is explicit (``apply_boundary_rule``).
+def subdivide(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh after one Catmull-Clark step. Its sharpness has to be explicit (``apply_boundary_rule``).
 
     Every corner of the mesh becomes a quad, in the order of the corners: vertex point of the corner, edge point of
     the edge it leaves along, face point, edge point of the edge before. The new vertices are the vertex points 0 to
@@ -46,7 +36,7 @@ def subdivide(mesh: PolygonMesh) -> CatmullClarkStep:
     inner_ends = np.stack([corner_edge_points, face_points], axis=1)
     softer = decremented(mesh.edge_sharpness)
     smooth_count = mesh.edge_count + mesh.face_count
-    refined = PolygonMesh(
+    return PolygonMesh(
         positions=np.concatenate(refined_points(mesh)),
         face_starts=np.arange(0, 4 * mesh.corner_count + 1, 4),
         corner_vertices=quads.reshape(-1),
@@ -56,7 +46,6 @@ def subdivide(mesh: PolygonMesh) -> CatmullClarkStep:
         vertex_sharpness=np.concatenate([decremented(mesh.vertex_sharpness), np.zeros(smooth_count)]),
         sharpness_is_explicit=mesh.sharpness_is_explicit,
     )
-    return CatmullClarkStep(refined, mesh.corner_faces)
 
 
 def _half_edges_at_corners(mesh: PolygonMesh) -> tuple[IndexArray, IndexArray]:

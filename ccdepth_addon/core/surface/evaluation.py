@@ -211,7 +211,7 @@ def _refined(pending: _Pending) -> Iterator[_Pending]:
         children = neighbourhood.face_starts[which] + part.corners_from(faces[which])
         points = _in_quarters(part.points.parameters)
         on_children = SurfacePoints(4 * children + points.corners, points.parameters)
-        yield _Pending(subdivide(neighbourhood).mesh, on_children, part.rows)
+        yield _Pending(subdivide(neighbourhood), on_children, part.rows)
 
 
 def _by_faces(faces: IndexArray, at_once: int) -> Iterator[tuple[IndexArray, IndexArray, IndexArray]]:

@@ -100,7 +100,7 @@ def _smooth_normals(spokes: FloatArray, diagonals: FloatArray) -> FloatArray:
 def _settled(mesh: PolygonMesh, corners: IndexArray) -> tuple[PolygonMesh, IndexArray]:
     """The mesh around the corners' vertices after one step or more, until none of them is semi-sharp; the corners."""
     while True:
-        mesh = subdivide(mesh).mesh
+        mesh = subdivide(mesh)
         # A corner's quarter is the child of its number.
         faces, which = np.unique(corners, return_inverse=True)
         corners = 4 * faces[which]

@@ -39,7 +39,7 @@ def limit_positions(mesh: PolygonMesh, wanted: BoolArray | None = None) -> Float
     own = undecided[vertices]
     # A step makes a face of each corner. Of those at undecided vertices the vertex points come first among the
     # vertices, and have the limits of their vertices.
-    around = faces_alone(subdivide(part).mesh, np.flatnonzero(own[part.corner_vertices]))
+    around = faces_alone(subdivide(part), np.flatnonzero(own[part.corner_vertices]))
     is_own_point = np.arange(around.vertex_count) < np.count_nonzero(own)
     limits[vertices[own]] = limit_positions(around, is_own_point)[is_own_point]
     return limits

@@ -65,7 +65,7 @@ class Refinement:
         if not len(self.bases):
             return self
         bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
-        return Refinement(subdivide(self.mesh).mesh, bases, self._known_limits() if self.are_quads else None)
+        return Refinement(subdivide(self.mesh), bases, self._known_limits() if self.are_quads else None)
 
     def numbered(self) -> Refinement:
         """The refinement with each descendant as its own base."""

@@ -65,7 +65,7 @@ class PatchStencils:
 def patch_stencils(valence: int) -> PatchStencils:
     """The matrices for a valence of 3, 5 or more."""
     patch = stencil_patch(valence)
-    children = subdivide(patch).mesh
+    children = subdivide(patch)
     size = 2 * valence + 8
     return PatchStencils(
         refined=extraordinary_nets(children, np.array([0]), valence).reshape(size, size),
