@@ -26,7 +26,7 @@ LARGEST_SHARE, LEAST_SHARE = 0.75, 0.15
 LARGE_SHARE, NEXT_SHARE = 0.3, 0.7
 
 # After this many failed attempts with fixed vertices, each attempt merges a part of that share, too.
-MOST_REFUSALS = 2
+MOST_REFUSALS = 4
 
 # The search ends when the mergeable triangles are a smaller part of the mesh.
 LEAST_GAIN = 0.03
@@ -99,7 +99,7 @@ class Reduction:
         triangles = self._triangles(mesh, progress)
         distances = self._distances(mesh, triangles, progress)
         bad = (distances > NEARLY_BEYOND * self._limit) | has_double(mesh.corners)
-        return self._around(triangles, bad, mesh, progress)
+        return self._around(triangles, bad, progress)
 
     def attempt(self) -> Attempt | None:
         """The next attempt, or None when too little is left to gain."""
@@ -119,18 +119,18 @@ class Reduction:
         triangles = self._triangles(mesh, progress)
         is_double = has_double(mesh.corners)
         if is_double.any():
-            self._reject(triangles, is_double, mesh, progress)
+            self._reject(triangles, is_double, progress)
             return False
         distances = self._distances(mesh, triangles, progress)
         reached = float(distances.max(initial=0.0))
         proof = None
         if reached > self._limit:
-            self._reject(triangles, distances > self._limit, mesh, progress)
+            self._reject(triangles, distances > self._limit, progress)
             return False
         if reached > SURELY_WITHIN * self._limit:
             found = self._measured(mesh, progress)
             if found.proved > self._limit:
-                self._reject(triangles, self._to_blame(found, distances), mesh, progress)
+                self._reject(triangles, self._to_blame(found, distances), progress)
                 return False
             proof, reached = Proof(mesh, found.triangle_bounds, found.reached), max(reached, found.reached)
         self._accept(mesh, proof, reached)
@@ -178,25 +178,22 @@ class Reduction:
         # Errors grow about as triangles become fewer.
         self._share = float(np.clip(1 - reached / self._limit, LEAST_SHARE, LARGEST_SHARE))
 
-    def _reject(self, triangles: Triangles, bad: BoolArray, mesh: TriangleMesh, progress: Progress) -> None:
+    def _reject(self, triangles: Triangles, bad: BoolArray, progress: Progress) -> None:
         if self._share > LARGE_SHARE:
             self._share *= NEXT_SHARE
             return
-        near = self._around(triangles, bad, mesh, progress)
+        near = self._around(triangles, bad, progress)
         self._refusals += 1
         if self._refusals > MOST_REFUSALS or not (near & ~self._is_fixed).any():
             self._share *= NEXT_SHARE
         self._is_fixed = self._is_fixed | near
 
-    def _around(self, triangles: Triangles, bad: BoolArray, mesh: TriangleMesh, progress: Progress) -> BoolArray:
-        """(V,) bool: the vertices of the current mesh nearest to bad triangles of another mesh, or to their
-        neighbours."""
+    def _around(self, triangles: Triangles, bad: BoolArray, progress: Progress) -> BoolArray:
+        """(V,) bool: the vertices of the current mesh nearest to bad triangles of another mesh, and the corners of the
+        triangles with centroids nearest to bad triangles."""
         near = np.zeros(len(self.current.positions), dtype=bool)
         if not bad.any():
             return near
-        around = np.zeros(len(mesh.positions), dtype=bool)
-        around[mesh.corners[bad]] = True
-        bad = around[mesh.corners].any(axis=1)
         positions, corners = self.current.positions, self.current.corners
         # Loose vertices may be anywhere.
         used = np.unique(corners)
