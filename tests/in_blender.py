@@ -13,16 +13,7 @@ from pathlib import Path
 import bpy
 
 CHECKOUT = Path(__file__).resolve().parent.parent
-OPTIONS = [
-    "tests/blender",
-    "-q",
-    "-p",
-    "no:cacheprovider",
-    "-p",
-    "tests.progress",
-    "-o",
-    "console_output_style=classic",
-]
+OPTIONS = ["tests/blender", "-q", "-pno:cacheprovider", "-ptests.progress", "-oconsole_output_style=classic"]
 
 
 def run(options: list[str]) -> None:

@@ -12,8 +12,6 @@ from typing import Any
 
 import pytest
 
-failed: set[str] = set()
-
 
 def write(**event: object) -> None:
     """Append one event; each fits into one write, so that events of several processes do not mix."""
@@ -21,40 +19,33 @@ def write(**event: object) -> None:
         file.write(json.dumps(event) + "\n")
 
 
-def is_worker(config: pytest.Config) -> bool:
-    """Whether another process hands out the tests."""
-    return hasattr(config, "workerinput")
-
-
-def runs_tests(config: pytest.Config) -> bool:
-    """Whether this process runs tests itself."""
-    return is_worker(config) or not config.getoption("numprocesses", None)
-
-
 class Progress:
     """The events of this process."""
 
     def __init__(self, config: pytest.Config) -> None:
-        self._config = config
+        # Whether another process hands out the tests, and whether this one runs tests itself.
+        self._is_worker = hasattr(config, "workerinput")
+        self._runs_tests = self._is_worker or not config.getoption("numprocesses", None)
+        self._failed: set[str] = set()
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
-        if runs_tests(self._config):
+        if self._runs_tests:
             write(total=len(session.items))
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
-        if runs_tests(self._config):
+        if self._runs_tests:
             write(start=nodeid, pid=os.getpid())
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed:
-            failed.add(report.nodeid)
+            self._failed.add(report.nodeid)
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
-        if runs_tests(self._config):
-            write(finish=nodeid, failed=nodeid in failed)
+        if self._runs_tests:
+            write(finish=nodeid, failed=nodeid in self._failed)
 
     def pytest_sessionfinish(self, exitstatus: int) -> None:
-        if not is_worker(self._config):
+        if not self._is_worker:
             write(over=int(exitstatus))
 
     @pytest.hookimpl(wrapper=True)
