@@ -42,12 +42,8 @@ def listed_differences(valence: int) -> list[Difference]:
 
 def difference_matrix(valence: int) -> FloatArray:
     """(2n + 10, 2n + 8): one listed difference per row."""
-    matrix = np.zeros((2 * valence + 10, 2 * valence + 8))
-    for row, (a, b, c) in enumerate(listed_differences(valence)):
-        matrix[row, a - 1] += 2
-        matrix[row, b - 1] -= 1
-        matrix[row, c - 1] -= 1
-    return matrix
+    a, b, c = np.eye(2 * valence + 8)[np.transpose(listed_differences(valence)) - 1]
+    return 2 * a - b - c
 
 
 def listed_regular_differences() -> list[tuple[tuple[int, int], tuple[int, int], tuple[int, int]]]:
@@ -75,11 +71,8 @@ def net_edges(valence: int) -> list[tuple[int, int]]:
 
 def edge_matrix(valence: int) -> FloatArray:
     """(edges, 2n + 8): one first difference per row."""
-    edges = net_edges(valence)
-    matrix = np.zeros((len(edges), 2 * valence + 8))
-    for row, (a, b) in enumerate(edges):
-        matrix[row, a], matrix[row, b] = 1, -1
-    return matrix
+    a, b = np.eye(2 * valence + 8)[np.transpose(net_edges(valence))]
+    return a - b
 
 
 def net_mesh(positions: FloatArray) -> PolygonMesh:
