@@ -40,7 +40,7 @@ MOST = 2 / 3
 # Poles of quads and of triangles, n-gons among quads, poles of n-gons, and n-gons around one.
 SHAPES: dict[str, Callable[[int], meshes.MeshData]] = {
     "fan": lambda size: meshes.fan(size, 1),
-    "bipyramid": meshes.bipyramid,
+    "bipyramid": lambda sides: meshes.sphere(sides, 2),
     "prism": meshes.cylinder,
     "wheel": lambda size: wheel(size, 8),
     "wheel of 32-gons": lambda size: wheel(min(size, 32), 32),

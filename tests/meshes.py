@@ -146,7 +146,7 @@ def cylinder(sides: int, profile: Sequence[tuple[float, float]] = ((1.0, -1.0), 
 
 
 def sphere(columns: int, rows: int) -> MeshData:
-    """With poles of triangles."""
+    """With poles of triangles; of two rows it is all triangles, around a belt of vertices of valence 4."""
     turns, heights = np.arange(columns) * 2 * np.pi / columns, np.arange(1, rows) * np.pi / rows
     positions = [(np.sin(h) * np.cos(t), np.sin(h) * np.sin(t), np.cos(h)) for h in heights for t in turns]
     rings = np.arange(len(positions)).reshape(-1, columns)
@@ -237,11 +237,6 @@ def trapezohedron(sides: int) -> MeshData:
     return from_faces([*belt.tolist(), [0, 0, 1], [0, 0, -1]], upper + lower)
 
 
-def bipyramid(sides: int) -> MeshData:
-    """A closed mesh of triangles: a belt of vertices of valence 4, and two poles of valence ``sides``."""
-    return sphere(sides, 2)
-
-
 def welded(data: MeshData, other: MeshData, pairs: dict[int, int]) -> MeshData:
     """Both meshes in one, vertex ``b`` of the other being vertex ``a`` of the first for each ``b: a`` in ``pairs``."""
     count = len(data.positions)
@@ -261,10 +256,6 @@ def welded(data: MeshData, other: MeshData, pairs: dict[int, int]) -> MeshData:
 
 def moved(data: MeshData, x: float, y: float = 0.0, z: float = 0.0) -> MeshData:
     return replace(data, positions=data.positions + np.array([x, y, z]))
-
-
-def valences_two_and_twelve() -> MeshData:
-    return welded(valence_two(), moved(fan(12), 10.0), {})
 
 
 def two_cubes_sharing_an_edge() -> MeshData:
@@ -360,11 +351,6 @@ def pillow(size: int) -> MeshData:
     return from_faces(positions, [ring, ring[::-1]])
 
 
-def doubled_face() -> MeshData:
-    """The same quad twice, facing the same way."""
-    return from_faces([[0, 0, 0], [1, 0, 0], [1, 1, 0.3], [0, 1, 0]], [[0, 1, 2, 3], [0, 1, 2, 3]])
-
-
 def tetrahedron() -> MeshData:
     return from_faces([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
@@ -417,10 +403,10 @@ def corner_creased_cube() -> MeshData:
     return creased(cube(), {(0, 1): 0.5}, {0: 0.3, 3: 0.7, 5: 1.0, 6: 0.45})
 
 
-def softened(data: MeshData, share: float) -> MeshData:
-    """With this share of the creases that are not 1, so that the last semi-sharp rule runs out after a few levels."""
-    edges = {ends: crease if crease == 1 else share * crease for ends, crease in data.edge_creases.items()}
-    vertices = {vertex: crease if crease == 1 else share * crease for vertex, crease in data.vertex_creases.items()}
+def softened(data: MeshData) -> MeshData:
+    """With less of the creases that are not 1, so that the last semi-sharp rule has run out by level 2."""
+    edges = {ends: crease if crease == 1 else 0.4 * crease for ends, crease in data.edge_creases.items()}
+    vertices = {vertex: crease if crease == 1 else 0.4 * crease for vertex, crease in data.vertex_creases.items()}
     return creased(data, edges, vertices)
 
 
@@ -472,14 +458,14 @@ def with_heights(data: MeshData, heights: list[float]) -> MeshData:
 
 AWKWARD: dict[str, Callable[[], MeshData]] = {
     "cube": cube,
-    "triangles": lambda: bumpy(bipyramid(7), 0.1),
+    "triangles": lambda: bumpy(sphere(7, 2), 0.1),
     "triangles and quads": triangles_and_quads,
     "cylinder": lambda: cylinder(9),
     "landscape": lambda: landscape(5, 4),
     "single quad": lambda: bumpy(grid(1, 1), 0.3),
     "collapsed faces": lambda: with_collapsed_faces(landscape(5, 4)),
     "collapsed n-gons": lambda: with_collapsed_faces(cylinder(7)),
-    "valences 2 and 12": valences_two_and_twelve,
+    "valences 2 and 12": lambda: welded(valence_two(), moved(fan(12), 10.0), {}),
     "valence 2 creased": lambda: with_random_creases(valence_two(), seed=5, share=0.8),
     "creased cube": creased_cube,
     "corner creased cube": corner_creased_cube,

@@ -29,7 +29,7 @@ NAMED: dict[str, Callable[[], meshes.MeshData]] = {
     **{f"valence {n}": (lambda n=n, rings=rings: meshes.fan(n, rings)) for n, rings in ((12, 2), (64, 1), (360, 1))},
     "valences 3 and 9": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
     "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
-    "triangles, quads, valence 12": lambda: meshes.bumpy(meshes.bipyramid(12), 0.05),
+    "triangles, quads, valence 12": lambda: meshes.bumpy(meshes.sphere(12, 2), 0.05),
     "n-gons with random creases": lambda: meshes.with_random_creases(meshes.cylinder(8), share=0.6),
     "valence 2 with random creases": lambda: meshes.with_random_creases(meshes.valence_two(), seed=5, share=0.8),
     "house with random creases": lambda: meshes.with_random_creases(meshes.triangles_and_quads()),

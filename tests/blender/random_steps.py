@@ -101,7 +101,7 @@ MESHES: tuple[Callable[[Random], meshes.MeshData], ...] = (
     _grid,
     _grid,
     lambda rng: meshes.fan(int(rng.integers(3, 13)), 1),
-    lambda rng: meshes.bumpy(meshes.bipyramid(int(rng.integers(3, 13))), 0.1),
+    lambda rng: meshes.bumpy(meshes.sphere(int(rng.integers(3, 13)), 2), 0.1),
     lambda rng: meshes.bumpy(meshes.cylinder(int(rng.integers(3, 9))), 0.1),
     lambda rng: meshes.torus(*rng.integers(3, 7, 2).tolist()),
     lambda rng: one(rng, (meshes.cube, meshes.creased_cube, meshes.valence_two))(),

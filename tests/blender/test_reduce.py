@@ -62,7 +62,7 @@ CASES: dict[str, Callable[[], meshes.MeshData]] = {
     "cube": meshes.cube,
     "landscape with boundary": lambda: meshes.landscape(4, 3),
     "plane": lambda: replace(grid := meshes.grid(6, 5), positions=grid.positions * (1.0, 1.0, 0.0)),
-    "triangles": lambda: meshes.bumpy(meshes.bipyramid(6), 0.05),
+    "triangles": lambda: meshes.bumpy(meshes.sphere(6, 2), 0.05),
     "torus": lambda: meshes.torus(6, 4),
     "valence 12": NAMED["valence 12"],
     "not manifold": meshes.three_faces_on_an_edge,

@@ -39,7 +39,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "landscape": lambda: meshes.landscape(4, 3),
     "torus": lambda: meshes.torus(7, 5),
     "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
-    "triangles": lambda: meshes.bipyramid(5),
+    "triangles": lambda: meshes.sphere(5, 2),
     "triangles of any valences": lambda: cut(meshes.torus(5, 4), np.random.default_rng(1).integers(0, 2, 20)),
     "tetrahedron": meshes.tetrahedron,
     "concave faces": meshes.concave_faces,
@@ -54,7 +54,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "pillow of triangles": lambda: meshes.pillow(3),
     "pillow of quads": lambda: meshes.pillow(4),
     "pillow of pentagons": lambda: meshes.pillow(5),
-    "doubled face": meshes.doubled_face,
+    "doubled face": lambda: meshes.from_faces([[0, 0, 0], [1, 0, 0], [1, 1, 0.3], [0, 1, 0]], 2 * [[0, 1, 2, 3]]),
     "loose edges": meshes.loose_edge_at_a_face_vertex,
     "random creases": lambda: meshes.with_random_creases(meshes.landscape(3, 2), share=0.4),
     "n-gons with creases": lambda: meshes.creased(

@@ -11,11 +11,7 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.submesh import corners_of_faces, submesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
-from ccdepth_addon.core.surface.sharpness import (
-    apply_boundary_rule,
-    crease_to_sharpness,
-    has_semi_sharp,
-)
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule, crease_to_sharpness, has_semi_sharp
 from tests import meshes, nets
 
 # Faces without area have no normals.
@@ -23,7 +19,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     **{name: data for name, data in meshes.AWKWARD.items() if "collapsed" not in name},
     "torus": lambda: meshes.torus(7, 5),
     "trapezohedron": lambda: meshes.trapezohedron(7),
-    "bipyramid": lambda: meshes.bipyramid(5),
+    "bipyramid": lambda: meshes.sphere(5, 2),
     "dart": lambda: meshes.creased(meshes.fan(5, 3), {(0, 1): 1.0}),
 }
 

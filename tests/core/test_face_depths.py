@@ -191,7 +191,7 @@ def everything() -> meshes.MeshData:
     parts = [
         meshes.with_random_creases(meshes.landscape(6, 6), share=0.15),
         meshes.bumpy(meshes.cylinder(7), 0.1),
-        meshes.bumpy(meshes.bipyramid(5), 0.1),
+        meshes.bumpy(meshes.sphere(5, 2), 0.1),
         meshes.with_random_creases(meshes.face_soup(), share=0.1),
         meshes.fan(12),
         meshes.fan(5, 3),
