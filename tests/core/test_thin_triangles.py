@@ -13,28 +13,17 @@ from ccdepth_addon.core.deviation.findings import TOO_LONG
 from ccdepth_addon.core.deviation.triangles import NEEDLE, distance_slack, to_triangles
 from tests import meshes
 
-Exact = list[Fraction]
-
 # Roundings of the largest coordinate, which the allowance for a whole measurement covers a thousand times.
 ROUNDINGS = 16 * 2.0**-53
 
 
-def cross(x: Exact, y: Exact) -> Exact:
-    return [x[i - 2] * y[i - 1] - x[i - 1] * y[i - 2] for i in range(3)]
-
-
-def dot(x: Exact, y: Exact) -> Fraction:
-    return sum((a * b for a, b in zip(x, y, strict=True)), Fraction())
-
-
 def from_plane(place: np.ndarray, corners: np.ndarray) -> tuple[float, bool]:
     """The distance of a place (3,) from the plane of a triangle (3, 3), and whether its foot is inside."""
-    a, b, c, p = ([Fraction(value) for value in point] for point in (*corners.tolist(), place.tolist()))
-    sides = [[y - x for x, y in zip(*ends, strict=True)] for ends in ((a, b), (b, c), (c, a))]
-    normal = cross(sides[0], sides[1])
-    ways = [[y - x for x, y in zip(start, p, strict=True)] for start in (a, b, c)]
-    inside = all(dot(cross(side, way), normal) >= 0 for side, way in zip(sides, ways, strict=True))
-    squared = dot(ways[0], normal) ** 2 / dot(normal, normal)
+    *triangle, p = np.vectorize(Fraction, otypes=[object])(np.vstack([corners, place]))
+    sides = [triangle[i - 2] - triangle[i] for i in range(3)]
+    normal = np.cross(sides[0], sides[1])
+    inside = all(np.cross(side, p - start) @ normal >= 0 for start, side in zip(triangle, sides, strict=True))
+    squared = ((p - triangle[0]) @ normal) ** 2 / (normal @ normal)
     with localcontext(prec=60):
         return float((Decimal(squared.numerator) / Decimal(squared.denominator)).sqrt()), inside
 
