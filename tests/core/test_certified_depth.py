@@ -170,12 +170,6 @@ def test_rounding_decides_no_level() -> None:
     """Quads of a paraboloid z = (x² + y²) / 8 are off by 1/16 at their middles, and by a quarter of it at level 1."""
     mesh = build(meshes.bent(meshes.grid(5, 5), lambda x, y, _: (x, y, (x * x + y * y) / 8)))
     distance, allowance, middle = 1 / 64, rounding_allowance(mesh), 12
-    for beyond, depth, is_exact in (
-        (-2.0, 2, True),
-        (-0.5, 2, False),
-        (0.0, 2, False),
-        (0.5, 2, False),
-        (2.0, 1, True),
-    ):
+    for beyond, depth, is_exact in ((-2.0, 2, True), *((near, 2, False) for near in (-0.5, 0.0, 0.5)), (2.0, 1, True)):
         found = certified(mesh, distance + beyond * allowance, "LIMIT")
         assert (found.depths[middle], found.exact[middle]) == (depth, is_exact), beyond

@@ -171,13 +171,11 @@ def test_a_steep_triangle_beyond_the_border_is_as_far_as_its_highest_side(slope:
     """Along the surface's normal the border is beside the triangle's middle, but lower than the triangle's plane."""
     control = meshes.build(meshes.grid(3, 3), smooth_corners=False)
     flap = [(x, y, slope * (0.005 - x)) for x, y in ((-0.01, 1), (-0.01, 2), (0.0005, 1.5))]
-    positions, triangles = (
-        np.array([(0, 0, 0), (3, 0, 0), (3, 3, 0), (0, 3, 0), *flap]),
-        [[0, 1, 2], [0, 2, 3], [4, 5, 6]],
-    )
+    positions = np.array([(0, 0, 0), (3, 0, 0), (3, 3, 0), (0, 3, 0), *flap])
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6]])
     distance = np.hypot(flap[0][0], flap[0][2])
     for enough in (0.0, 0.6, 0.9):
-        found = measure_deviation(control, positions, np.array(triangles), enough=enough * distance)
+        found = measure_deviation(control, positions, triangles, enough=enough * distance)
         assert found.triangle_bounds[2] >= distance * (1 - 1e-12)
 
 

@@ -11,7 +11,7 @@ from ccdepth_addon.core import Reduction, TriangleMesh
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.progress import no_report
 from tests import meshes
-from tests.uniform import uniform
+from tests.core.test_deviation import result
 
 LIMIT = 0.02
 
@@ -24,9 +24,7 @@ def control() -> PolygonMesh:
 @cache
 def at_level(level: int) -> TriangleMesh:
     """Triangles between points of the limit surface."""
-    quads = uniform(control(), level)
-    corners = quads.corner_vertices.reshape(-1, 4).astype(np.intp)
-    return TriangleMesh(quads.positions, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]))
+    return TriangleMesh(*result(control(), level, limit=True))
 
 
 def moved(mesh: TriangleMesh, chosen: np.ndarray, by: float) -> TriangleMesh:
