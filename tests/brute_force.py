@@ -76,10 +76,14 @@ class Levels:
             values = linear_children(self.subdivided(finer), values)
         return values - self.limits(level + deeper)[self.subdivided(level + deeper).corner_vertices]
 
-    def distances(self, level: int, vertices: str, deeper: int) -> FloatArray:
-        """(F,): the largest ‖Lᵏ(u, v) - S(u, v)‖ of each face of the mesh, at steps so many levels below level k's."""
+    def facet_offsets(self, level: int, vertices: str, deeper: int) -> FloatArray:
+        """(C, D): Lᵏ(u, v) - S(u, v), at steps so many levels below level k's."""
         points = self.mesh(level).positions if vertices == "CONTROL" else self.limits(level + deeper)
-        gaps = np.linalg.norm(self.offsets(points, level, deeper), axis=1)
+        return self.offsets(points, level, deeper)
+
+    def distances(self, level: int, vertices: str, deeper: int) -> FloatArray:
+        """(F,): the largest length of those on each face of the mesh."""
+        gaps = np.linalg.norm(self.facet_offsets(level, vertices, deeper), axis=1)
         # The corners of a face's descendants lie together, four times as many with every level.
         return np.maximum.reduceat(gaps, self.subdivided(0).face_starts[:-1] * 4 ** (level + deeper))
 

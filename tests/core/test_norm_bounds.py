@@ -32,7 +32,6 @@ from ccdepth_addon.core.bounds.norms import (
     second_order_norm_regular,
 )
 from ccdepth_addon.core.bounds.sharp_constants import CONTROL_FACTORS, LIMIT_FACTORS, PERIOD, RATES
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import (
     PatchKind,
@@ -108,15 +107,8 @@ def distance_stencils(valence: int, level: int, vertices: str) -> FloatArray:
     """
     samples = SAMPLES + (level == 0)
     places = quad_places(samples)
-    offsets = offsets_of(nets.net_mesh(np.eye(2 * valence + 8)), level, vertices, samples)[: len(places)]
-    return offsets[places[:, 0] >= places[:, 1]]
-
-
-def offsets_of(mesh: PolygonMesh, level: int, vertices: str, samples: int) -> FloatArray:
-    """(C, D): Lᵏ - S at the corners of the mesh after so many steps."""
-    levels = Levels(mesh)
-    points = levels.mesh(level).positions if vertices == "CONTROL" else levels.limits(level)
-    return levels.offsets(points, level, samples - level)
+    offsets = Levels(nets.net_mesh(np.eye(2 * valence + 8))).facet_offsets(level, vertices, samples - level)
+    return offsets[: len(places)][places[:, 0] >= places[:, 1]]
 
 
 def bounds_of(method: str, valence: int, size: float, vertices: str) -> PatchBounds:
@@ -217,7 +209,7 @@ def test_regular_nets_stay_within_the_bounds_of_later_levels(level: int, vertice
     wild[:, 0] = np.stack([u, v, (u**3 - u) / 6 + (1 - u) * (v**2 - 1 / 3) / 2], axis=1)
     points = np.concatenate([wild, gentle], axis=1).reshape(16, -1)
     net, kind = regular_nets(nets.net_mesh(points), face).reshape(4, 4, 40, 3), Vertices(vertices)
-    stencils = offsets_of(nets.net_mesh(np.eye(16)), level, vertices, samples)[: 4 * 4**samples]
+    stencils = Levels(nets.net_mesh(np.eye(16))).facet_offsets(level, vertices, samples - level)[: 4 * 4**samples]
     dense = np.linalg.norm((stencils @ points).reshape(-1, 40, 3), axis=2).max(axis=0)
     bounds, lower = later_bounds(net, kind), sampled_error(net, kind, level)
     upper = bounds.at(level)
