@@ -16,7 +16,7 @@ from tests.blender import addon, scene
 from tests.blender.runs import Capture, few_samples, mesh_objects, run, save
 from tests.blender.subdividing import known_count, refuses
 from tests.blender.test_report import report_in, reported
-from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
+from tests.blender.test_staleness import SETTINGS_LINE, keyed, mesh_line, posed
 from tests.blender.updating import move_vertex, set_scene
 from tests.thorough import combinations
 
@@ -394,30 +394,19 @@ def expect(holder: bpy.types.Object, line: str) -> None:
     assert told_by_the_panel(holder) == line
 
 
-def with_a_key() -> tuple[bpy.types.Object, bpy.types.ShapeKey]:
-    holder = scene.add_suzanne()
-    shape = scene.add_key(holder)
-    shape.data[0].co.x += 1.0
-    return holder, shape
-
-
 def moving_objects() -> dict[str, bpy.types.Object]:
     """Objects that are shaped or scaled otherwise at the later frame."""
-    holders = {name: scene.add_suzanne() for name in ("keyed modifier", "wave", "scale", "child", "posed")}
-    holders["keyed shape"], shape = with_a_key()
-    key(shape, "value", 0.0, 1.0)
-    holders["driven shape"], shape = with_a_key()
-    shape.driver_add("value").driver.expression = "frame / 20"
+    names = ("keyed shape", "driven shape", "keyed modifier", "wave", "scale", "child", "posed")
+    holders = {name: scene.add_suzanne() for name in names}
+    key(keyed(holders["keyed shape"]), "value", 0.0, 1.0)
+    keyed(holders["driven shape"]).driver_add("value").driver.expression = "frame / 20"
     key(holders["keyed modifier"].modifiers.new("Cast", "CAST"), "factor", 0.0, 1.0)
     # It moves without keys.
     holders["wave"].modifiers.new("Wave", "WAVE")
     holders["child"].parent = scene.add("Parent")
     for scaled in (holders["scale"], holders["child"].parent):
         key(scaled, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.0))
-    rig = scene.add_rig()
-    holders["posed"].vertex_groups.new(name="Bone").add(range(100), 1.0, "REPLACE")
-    holders["posed"].modifiers.new("Armature", "ARMATURE").object = rig
-    key(rig.pose.bones["Bone"], "location", (0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
+    key(posed(holders["posed"]).pose.bones["Bone"], "location", (0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
     return holders
 
 
@@ -448,8 +437,8 @@ def test_results_follow_the_frame() -> None:
 
 @pytest.mark.every_blender
 def test_a_count_of_faces_is_forgotten() -> None:
-    holder, shape = with_a_key()
-    key(shape, "value", 0.0, 1.0)
+    holder = scene.add_suzanne()
+    key(keyed(holder), "value", 0.0, 1.0)
     bpy.context.scene.frame_set(FIRST)
     addon.finish("count_faces", holder)
     assert known_count(holder) is not None
@@ -472,7 +461,6 @@ def test_a_render_leaves_a_count_of_faces() -> None:
 def test_what_cannot_be_examined_is_not_current(monkeypatch: pytest.MonkeyPatch, capfd: Capture) -> None:
     holder = scene.add_suzanne()
     addon.compute(holder)
-
     monkeypatch.setattr(addon.module("state.still_holds"), "object_state", Mock(side_effect=LookupError("odd")))
     holder.scale.x = 2.0
     bpy.context.view_layer.update()
