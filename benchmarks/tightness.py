@@ -76,7 +76,7 @@ class Measured:
             levels += [level + NEAR_DEEPER for level in range(len(levels), LAST_NEAR_LEVEL + 1)]
         empty = np.full((len(levels), count), np.nan)
         # A distance has two ends, or three with limit vertices.
-        return Measured(empty, empty.copy(), np.array([3 * rounding(data, level) for level in levels]))
+        return Measured(empty, empty.copy(), np.array([3 * rounding(data.positions, level) for level in levels]))
 
     def near(self, tolerances: list[float]) -> FloatArray:
         """(levels, F) bool: within the slack of a tolerance."""

@@ -97,9 +97,9 @@ def quad_count(data: meshes.MeshData, level: int) -> int:
     return int(data.face_sizes.sum()) * 4 ** (level - 1)
 
 
-def rounding(data: meshes.MeshData, level: int) -> float:
+def rounding(positions: FloatArray, level: int) -> float:
     """Blender computes in single precision; each level rounds weights, products and sums, an ulp or so each."""
-    return 3 * level * float(np.finfo(np.float32).eps * np.abs(data.positions).max())
+    return 3 * level * float(np.finfo(np.float32).eps * np.abs(positions).max())
 
 
 class BlenderLevels(Levels):

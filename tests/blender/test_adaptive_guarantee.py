@@ -214,7 +214,7 @@ def assert_within(
     faces = faces_to_measure(data, level)
     surface = surface_of(data, faces, level)
     # Blender's trees compute in single precision as well.
-    slack *= rounding(data, level)
+    slack *= rounding(data.positions, level)
     for tolerance, transitions in relative.items():
         mesh = drawn(data, tolerance * diagonal, transitions, world, mode)
         assert_mesh_near_surface(mesh, faces, surface, tolerance * diagonal, slack, least_share)

@@ -225,7 +225,6 @@ def test_temporary_copies_leave_no_keys(tmp_path: Path, operator: str, modifier:
 )
 def test_runs_that_fail_leave_no_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, name: str) -> None:
     holder = cube_with_keys(modifier=name == "mesh_arrays")
-
     monkeypatch.setattr(addon.module(module), name, Mock(side_effect=MemoryError))
     refused(holder, match="not enough memory")
     assert [mesh.name for mesh in bpy.data.meshes] == [holder.data.name]

@@ -64,7 +64,7 @@ def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundar
     diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
     shown, reference = BlenderLevels(data, boundary), BlenderLevels(data, boundary)
     modifier, measured = shown.object.modifiers[0], 0
-    rounding_bounds = addon.module("core.bounds.rounding")
+    law = addon.module("core.bounds.rounding").modifier_rounding
     for share in TOLERANCES:
         tolerance = share * diagonal
         addon.compute(shown.object, tolerance=tolerance, method="CERTIFIED", vertices=vertices, use_modifiers=False)
@@ -79,8 +79,8 @@ def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundar
         assert (modifier.levels, modifier.use_limit_surface) == (level, vertices == "LIMIT")
         # Bilinear facets against the limit surface at the same parameters.
         far = np.linalg.norm(reference.offsets(shown.shown(level), level, deeper[-1]), axis=1).max()
-        slack = rounding_bounds.modifier_rounding(reference.subdivided(0), level) + rounding(data, level + deeper[-1])
-        slack += rounding_bounds.modifier_rounding(reference.subdivided(0), level + deeper[-1])
+        slack = sum(law(reference.subdivided(0), each) for each in (level, level + deeper[-1]))
+        slack += rounding(data.positions, level + deeper[-1])
         assert far <= tolerance + slack, (level, modifier.quality, far / tolerance)
         measured += 1
     assert measured

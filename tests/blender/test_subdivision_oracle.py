@@ -16,15 +16,12 @@ from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.evaluation import limit_values
 from tests import meshes, uniform
 from tests.blender import scene
+from tests.blender.measuring import rounding
 from tests.uniform import uniform_points
 
 pytestmark = pytest.mark.every_blender
 
 LEVELS = 3
-
-# Blender computes in single precision: a level rounds the weights, their products with positions, and the sum. Each
-# is worth about an ulp of the largest coordinate.
-ULPS_PER_LEVEL = 3
 
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     **{name: data for name, data in meshes.AWKWARD.items() if "collapsed" not in name},
@@ -61,8 +58,7 @@ def assert_same_mesh(own: PolygonMesh, blenders: meshes.MeshData, level: int) ->
     nearest = own_vertices[nearest_points(own.positions[own_vertices], blenders.positions[blender_vertices])]
     assert len(np.unique(nearest)) == len(nearest)
     distances = np.linalg.norm(own.positions[nearest] - blenders.positions[blender_vertices], axis=1)
-    tolerance = ULPS_PER_LEVEL * level * np.finfo(np.float32).eps * np.abs(own.positions[own_vertices]).max()
-    assert distances.max() <= tolerance
+    assert distances.max() <= rounding(own.positions[own_vertices], level)
     to_own = np.full(len(blenders.positions), -1)
     to_own[blender_vertices] = nearest
     expected = canonical_quads(to_own[blenders.corner_vertices])
