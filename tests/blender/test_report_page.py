@@ -44,7 +44,8 @@ def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Parsed(HTMLParser):
-    """The elements of a page with their attributes, and its text; every element must be closed in its place."""
+    """The elements of a page with their attributes, and its text; every element must be closed in its place, and load
+    nothing and run nothing."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -56,12 +57,14 @@ class Parsed(HTMLParser):
         assert not self._open
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attributes)))
+        found = dict(attributes)
+        assert tag not in {"script", "link", "iframe", "object", "embed", "base", "form"}
+        assert not [name for name in found if name.startswith("on")]
+        assert (found.get("src") or IMAGE).startswith(IMAGE)
+        assert (found.get("href") or "#file-0").startswith("#file-")
+        self.elements.append((tag, found))
         if tag not in VOID:
             self._open.append(tag)
-
-    def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        self.elements.append((tag, dict(attributes)))
 
     def handle_endtag(self, tag: str) -> None:
         assert self._open.pop() == tag
@@ -78,17 +81,6 @@ class Parsed(HTMLParser):
         return [b64decode(source.removeprefix(IMAGE), validate=True) for source in sources]
 
 
-def parsed(text: str) -> Parsed:
-    """A page, which must load nothing and run nothing."""
-    result = Parsed(text)
-    assert not {tag for tag, _ in result.elements} & {"script", "link", "iframe", "object", "embed", "base", "form"}
-    for _, attributes in result.elements:
-        assert not [name for name in attributes if name.startswith("on")]
-        assert (attributes.get("src") or IMAGE).startswith(IMAGE)
-        assert (attributes.get("href") or "#file-0").startswith("#file-")
-    return result
-
-
 def save_nasty(folder: Path) -> Path:
     scene.clear()
     scene.add_object(meshes.cube(), NASTY)
@@ -103,7 +95,7 @@ def test_a_page_has_all_that_was_found(tmp_path: Path, action: str) -> None:
     writes = ["--output", tmp_path / "out.stl"] if action in ("--subdivide", "--levels") else []
     # A tolerance at which a cube is far from its limit surface itself.
     run(source, *LINE, *action.split(), *writes, "--html", html, "--json", tmp_path / "report.json")
-    page = parsed(html.read_text(encoding="utf-8"))
+    page = Parsed(html.read_text(encoding="utf-8"))
     # A page that exists is not touched.
     written = html.read_bytes()
     assert run(source, *LINE, "--html", html) == 1
@@ -136,7 +128,7 @@ def test_a_page_without_pictures_tells_of_failures(tmp_path: Path) -> None:
     error = "<script>alert(1)</script>\n\x1b[31m second"
     failed = report.FileEntry(replace(stamp, path=Path("bad <b>.blend")), error=error)
     whole = report.Report("measure", (report.FileEntry(stamp, (missed,), lost=("UV maps",)), failed))
-    page = parsed(report_page.page(whole))
+    page = Parsed(report_page.page(whole))
     texts = ("Tolerance not met", "Not met", "1 file failed", "Failed", "<script>alert(1)</script>", "\\x1b[31m")
     for text in (*texts, "cannot be read", "UV maps"):
         assert text in page.text
@@ -162,7 +154,7 @@ def test_a_browser_shows_it(tmp_path: Path) -> None:
         assert np.ptp(each[:, -8:], axis=(0, 1)).max() < 0.05
     document = browser(tmp_path, "--dump-dom", html.as_uri()).stdout
     assert len(re.findall("<img ", document)) == 4
-    assert NASTY in parsed(document.replace("<tbody></tbody>", "")).text
+    assert NASTY in Parsed(document.replace("<tbody></tbody>", "")).text
 
 
 def screenshot(html: Path, path: Path, size: tuple[int, int], *options: str) -> NDArray[np.float32]:
