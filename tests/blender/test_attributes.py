@@ -12,16 +12,11 @@ from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_s
 from tests import meshes, uniform
 from tests.blender import addon, full_mesh, scene
 from tests.blender.full_mesh import Comparison, compare, counts, everything, faces_of_corners, known_types, read, write
-from tests.blender.subdividing import shape, subdivide
+from tests.blender.subdividing import subdivide
 
 pytestmark = pytest.mark.every_blender
 
 SPREAD = ["POINT", "CORNER"]
-
-
-def test_no_attribute_is_missing(comparison: Comparison) -> None:
-    names = {attribute.name for attribute in comparison.base.attributes} | {"sharp_edge"}
-    assert {attribute.name for attribute in comparison.mesh.attributes} >= names - {".select_vert", ".select_edge"}
 
 
 @pytest.mark.parametrize("domain", SPREAD)
@@ -334,10 +329,3 @@ def test_custom_properties_stay_where_modifiers_are_counted_in() -> None:
     assert mesh["object"] == holder
     shown = mesh.id_properties_ui("number").as_dict()
     assert (shown["max"], shown["description"]) == (2.0, "A number")
-
-
-def test_loose_vertices_may_be_anywhere() -> None:
-    mesh = bpy.data.meshes.new("Mesh")
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.5), (np.nan, 0, 0)], [], [(0, 1, 2, 3)])
-    [result] = subdivide(scene.add_mesh(mesh))
-    assert np.count_nonzero(np.isnan(shape(result)[:, 0])) == 1
