@@ -6,7 +6,6 @@ modifier, Use Limit Surface on at the highest Quality, and distances are found b
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import product
 
 import bpy
@@ -61,13 +60,13 @@ CASES: dict[str, Callable[[], meshes.MeshData]] = {
     "Suzanne": scene.suzanne,
     "cube": meshes.cube,
     "landscape with boundary": lambda: meshes.landscape(4, 3),
-    "plane": lambda: replace(grid := meshes.grid(6, 5), positions=grid.positions * (1.0, 1.0, 0.0)),
+    "plane": lambda: meshes.grid(6, 5),
     "triangles": lambda: meshes.bumpy(meshes.sphere(6, 2), 0.05),
     "torus": lambda: meshes.torus(6, 4),
     "valence 12": NAMED["valence 12"],
     "not manifold": meshes.three_faces_on_an_edge,
     "Möbius strip": meshes.mobius_strip,
-    "creases": lambda: meshes.creased_cube(),
+    "creases": meshes.creased_cube,
 }
 
 
@@ -323,7 +322,7 @@ def test_in_place_in_both_modes_with_the_scenes_setting(editing: bool) -> None:
 
 
 def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:
-    original = scene.add_object(meshes.from_faces([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]]))
+    original = scene.add_object(meshes.grid(1, 1))
     (plain,) = subdivide(original, tolerance=0.2)
     (result,) = subdivide(original, tolerance=0.2, reduce=True)
     assert faces(result) == faces(plain)

@@ -14,6 +14,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import refuses, subdivide
+from tests.blender.updating import set_scene
 from tests.thorough import combinations
 
 pytestmark = pytest.mark.every_blender
@@ -97,11 +98,6 @@ def hollow() -> bpy.types.Object:
     return holder
 
 
-def without_tolerance() -> bpy.types.Object:
-    bpy.context.scene.ccdepth.relative_tolerance = 0.0
-    return cube()
-
-
 def with_results() -> bpy.types.Object:
     holder = cube()
     addon.compute(holder)
@@ -158,7 +154,7 @@ REFUSALS: dict[str, Refusal] = {
         for value, match in TOLERANCES.items()
     },
     "too fine": Refusal(cube, "Cube: the tolerance .* is finer than the mesh's", settings={"tolerance": 1e-12}),
-    "no tolerance in the scene": Refusal(without_tolerance, "greater than zero"),
+    "no tolerance in the scene": Refusal(lambda: set_scene(relative_tolerance=0.0) or cube(), "greater than zero"),
     **{f"accuracy {x}": Refusal(cube, "The accuracy must be", MEASURE, {"accuracy": x}) for x in (0.0, -1.0, NAN)},
     "in Edit Mode, which stays": Refusal(
         lambda: addon.select(cube(), mode="EDIT"), "greater than zero", ALL, {"tolerance": 0.0}
@@ -351,11 +347,7 @@ def test_selects_on_several_objects_and_leaves_the_others_alone() -> None:
     # Another object that uses the mesh is no other mesh.
     refuses("compute", r"(?s)Scan: 1 face.*Scan\.001: 2 faces", first, scene.add_mesh(first.data), second, good)
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
-    assert (scene.selected_faces(first), scene.selected_faces(second), scene.selected_faces(good)) == (
-        [3],
-        [0, 5],
-        before,
-    )
+    assert [scene.selected_faces(each) for each in (first, second, good)] == [[3], [0, 5], before]
 
 
 def mask_all_but(holder: bpy.types.Object, face: int) -> None:

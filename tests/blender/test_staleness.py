@@ -101,11 +101,6 @@ def set_on(*holders: Any, **values: object) -> None:
             setattr(holder, name, value)
 
 
-def then_updated(made: Made, *_: object) -> None:
-    """Tell Blender what a script did to the mesh of the source."""
-    made.source.data.update()
-
-
 def edit(holder: bpy.types.Object, *operators: Callable[..., object]) -> None:
     """Call operators of Edit Mode on all that is selected."""
     with addon.edit_mode(holder):
@@ -127,7 +122,7 @@ CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
     "a vertex of the other object": (lambda made: move_vertex(made.other.data), "other"),
     "creases of edges": (lambda made: fill(made.source, "crease_edge", 0.9), ALL),
     "the crease of an edge": (
-        lambda made: then_updated(made, set_on(made.source.data.attributes["crease_edge"].data[0], value=0.6)),
+        lambda made: set_on(made.source.data.attributes["crease_edge"].data[0], value=0.6) or made.source.data.update(),
         ALL,
     ),
     "creases of vertices": (lambda made: fill(made.source, "crease_vert", 0.5, ("FLOAT", "POINT")), ALL),
@@ -136,7 +131,7 @@ CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
     "a group like creases": (lambda made: add_a_crease_group(made.source), ALL),
     "a renamed group": (lambda made: set_on(made.source.vertex_groups["Group"], name="crease_vert"), ALL),
     "all faces turned over": (lambda made: made.source.data.flip_normals(), ALL),
-    "one face turned over": (lambda made: then_updated(made, made.source.data.polygons[0].flip()), ALL),
+    "one face turned over": (lambda made: made.source.data.polygons[0].flip() or made.source.data.update(), ALL),
     "new faces": (lambda made: edit(made.source, bpy.ops.mesh.subdivide), ALL),
     "the scale of the source": (lambda made: set_on(made.source, scale=(1.001, 1.0, 1.0)), "depths own other"),
     "the scale of both": (lambda made: set_on(made.source, made.other, scale=(2, 2, 2)), "depths own other"),
@@ -160,7 +155,7 @@ CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
     "the name of the other object": (lambda made: set_on(made.other, name="Renamed"), ""),
     "selection": (lambda made: edit(made.source, bpy.ops.mesh.hide), ""),
     "attributes of zeros": (lambda made: made.source.data.attributes.new("Zeros", "FLOAT", "POINT"), ""),
-    "a UV map": (lambda made: then_updated(made, made.source.data.uv_layers.new(name="Other")), "result"),
+    "a UV map": (lambda made: made.source.data.uv_layers.new(name="Other").id_data.update(), "result"),
     "an attribute": (lambda made: fill(made.source, "Paint", 0.5, ("FLOAT", "FACE")), "result"),
 }
 
@@ -552,10 +547,7 @@ SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], objec
         lambda holder: weigh(holder, holder.vertex_groups.new(name="Some").name),
     ),
     "an attribute that nodes name": (moved_by_an_attribute, lambda holder: fill(holder, "Offset", 0.5)),
-    "an attribute that is an input of nodes": (
-        scaled_by_an_attribute,
-        lambda holder: fill(holder, "Offset", 0.5),
-    ),
+    "an attribute that is an input of nodes": (scaled_by_an_attribute, lambda holder: fill(holder, "Offset", 0.5)),
     "nodes": (lambda holder: modified(holder, "NODES"), lambda nodes: set_on(nodes, node_group=scene.node_tree())),
     "an input of nodes": (scaled_by_nodes, set_an_input),
     "a group of nodes": (

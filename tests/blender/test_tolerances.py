@@ -206,10 +206,6 @@ def test_a_fraction_with_too_many_digits_for_its_field_is_told_in_full(cube: bpy
         assert text().startswith(begins)
 
 
-def hills() -> meshes.MeshData:
-    return meshes.landscape(4, 4)
-
-
 def find(*objects: bpy.types.Object, face_budget: int) -> float:
     """The tolerance found for these objects, which the scene has then."""
     addon.select(*objects)
@@ -227,7 +223,7 @@ def made_with(tolerance: float, *objects: bpy.types.Object) -> int:
 
 
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
-    "hills": hills,
+    "hills": lambda: meshes.landscape(4, 4),
     "cylinder": lambda: meshes.cylinder(32),
     "pole": lambda: meshes.fan(12, 2),
     "Suzanne": scene.suzanne,
@@ -288,7 +284,7 @@ def test_too_few_faces_are_refused() -> None:
 
 def test_objects_that_share_a_mesh_have_one_count() -> None:
     """The result that both get, whichever is active; and none is told of one alone that was not counted so."""
-    first = scene.add_object(hills())
+    first = scene.add_object(meshes.landscape(4, 4))
     second = scene.add_mesh(first.data)
     second.scale = (0.5, 0.5, 0.5)
     set_scene(tolerance=0.02)
