@@ -67,7 +67,7 @@ def test_clear_works_on_all_selected() -> None:
     addon.compute(first, second, other)
     # Attributes without a record are cleared as well.
     second.data.property_unset("ccdepth")
-    addon.finish("clear", first, second)
+    addon.finish("clear", first, second, scene.add_light())
     assert addon.is_untouched([first, second])
     assert other.data.ccdepth.has_result
     assert bpy.ops.ccdepth.clear() == {"CANCELLED"}

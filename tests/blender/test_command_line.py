@@ -163,9 +163,7 @@ one.obj two.obj --output out.blend | are for a single file
 one.obj two.obj --picture out.png | are for a single file
 one.obj folder/one.ply --output-folder . | several files would be written to
 --json - --csv - | only one report can go to the standard output
---json same --csv same --overwrite | several files would be written to
 --subdivide --output same.stl --json same.stl --overwrite | several files would be written to
-mesh.obj --json mesh.obj --overwrite | is read, and would be replaced
 mesh.png --picture mesh.png --overwrite | is read, and would be replaced
 mesh.obj --verify report.json | --verify takes a report and nothing else
 --verify report.json --tolerance 1mm | --verify takes a report and nothing else

@@ -90,9 +90,6 @@ def test_it_is_about_what_is_selected_whatever_is_active_or_about_the_active_one
     assert colored() == [*holders, others]
     holders[0].hide_set(True)
     assert colored() == [*holders[1:], others]
-    # Clear goes by the selection too.
-    addon.finish("clear", *holders[1:], light)
-    assert addon.is_untouched(holders[1:])
 
 
 def colored() -> list[bpy.types.Object]:
