@@ -71,15 +71,6 @@ def part_of(data: meshes.MeshData, faces: NDArray[np.intp]) -> tuple[meshes.Mesh
     return replace(part, edge_creases=creases, vertex_creases=data.vertex_creases), np.flatnonzero(near)
 
 
-def add_part(data: meshes.MeshData, numbers: NDArray[np.intp]) -> bpy.types.Object:
-    """An object of it whose faces carry their numbers, and their corners the parameters."""
-    added = scene.add_object(data)
-    added.data.attributes.new("base_face", "INT", "FACE").data.foreach_set("value", numbers.astype(np.int32))
-    uvs = np.concatenate([corner_parameters(size) for size in data.face_sizes.tolist()])
-    added.data.uv_layers.new(name="Parameters").uv.foreach_set("vector", uvs.reshape(-1).astype(np.float32))
-    return added
-
-
 def level_of(part: bpy.types.Object, level: int) -> Positions:
     """An object of a part after so many levels of its modifier."""
     part.modifiers[0].levels = level
@@ -115,8 +106,11 @@ class BlenderLevels(Levels):
         super().__init__(core)
         self._numbers = np.arange(core.face_count)
         self._parameters = [np.concatenate([corner_parameters(size) for size in data.face_sizes.tolist()])]
-        # Its one modifier makes the levels.
-        self.object = add_part(data, self._numbers)
+        # Its faces carry their numbers, and their corners the parameters; its one modifier makes the levels.
+        self.object = scene.add_object(data)
+        scene.write(self.object.data, "base_face", "INT", "FACE", self._numbers)
+        uvs = self._parameters[0].astype(np.float32)
+        self.object.data.uv_layers.new(name="Parameters").uv.foreach_set("vector", uvs.ravel())
         scene.add_subdivision(self.object, 1, boundary).uv_smooth = "NONE"
         self._points: dict[int, FloatArray] = {}
 
