@@ -36,11 +36,9 @@ def test_the_manifest_says_what_the_extension_platform_asks_for(manifest: dict[s
     assert manifest["blender_version_min"] == "4.2.0"
     assert manifest["license"] == ["SPDX:GPL-3.0-or-later"]
     assert "Blender" not in manifest["name"]
-    assert len(manifest["tagline"]) <= 64
-    assert not manifest["tagline"].endswith(".")
-    for reason in manifest["permissions"].values():
-        assert len(reason) <= 64
-        assert not reason.endswith(".")
+    for text in (manifest["tagline"], *manifest["permissions"].values()):
+        assert len(text) <= 64
+        assert not text.endswith(".")
 
 
 def test_the_version_stands_in_the_manifest_alone(manifest: dict[str, Any]) -> None:

@@ -102,8 +102,7 @@ def test_progress_rises_over_depths_and_the_level_of_all_meshes() -> None:
     task.compute_depths(work, fractions.append)
     assert [len(each.requests) for each in work.tasks.values()] == [2, 1]
     assert fractions == sorted(fractions)
-    assert fractions[0] >= 0
-    assert fractions[-1] <= 1
+    assert 0 <= fractions[0] <= fractions[-1] <= 1
 
 
 def test_all_selected_objects_are_computed_and_others_are_not_unless_active_alone() -> None:
