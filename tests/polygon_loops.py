@@ -4,7 +4,9 @@
 A loop is (N, 3), its vertices in order; some may stand for middles of sides between the others, its corners.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -107,16 +109,16 @@ def drawn_ways(vertices: FloatArray, normal: FloatArray, tries: int) -> list[lis
 
     Found by cutting ears off at random. Where vertices lie in one line that may come to nothing, so it is tried again.
     """
-    flat = seen_along(vertices, normal)
-    found = (_cut(flat, np.random.default_rng(seed)) for seed in range(tries))
+    is_ear = partial(_is_ear, seen_along(vertices, normal))
+    found = (cut(len(vertices), np.random.default_rng(seed), is_ear) for seed in range(tries))
     return [triangles for triangles in found if triangles]
 
 
-def _cut(flat: FloatArray, generator: np.random.Generator) -> list[Triangle]:
-    """Triangles, counter-clockwise; none where no ear is left before the end."""
-    left, triangles = list(range(len(flat))), []
+def cut(count: int, generator: np.random.Generator, is_ear: Callable[..., bool] = lambda *_: True) -> list[Triangle]:
+    """Triangles between so many vertices, counter-clockwise; none where no ear is left before the end."""
+    left, triangles = list(range(count)), []
     while len(left) >= 3:
-        ears = [place for place in range(len(left)) if _is_ear(flat, left, place)]
+        ears = [place for place in range(len(left)) if is_ear(left, place)]
         if not ears:
             return []
         place = int(generator.choice(ears))

@@ -157,16 +157,10 @@ TOO_UNEVEN = np.diag([1.0, 1.0, 1e-5])
 @pytest.mark.parametrize("seed", each(range(60), range(20)))
 def test_whatever_triangles_are_drawn(seed: int) -> None:
     """Between the vertices of a polygon: one ear after another is cut off, wherever it is."""
-    generator = np.random.default_rng(seed)
     loop = loops.random_loop(seed, 3 + seed % 5, 0.1, 0.05, bent_share=0.5)
     bound, _ = loop.thickness(TOO_UNEVEN)
-    left, triangles = list(range(len(loop.vertices))), []
-    while len(left) >= 3:
-        at = int(generator.integers(len(left)))
-        triangles.append((left[at - 1], left[at], left[(at + 1) % len(left)]))
-        del left[at]
     assert_near(
-        loop.vertices[np.array(triangles)],
+        loop.vertices[np.array(loops.cut(len(loop.vertices), np.random.default_rng(seed)))],
         loops.facet_triangles(loop.facets),
         bound + loops.twist_error(loop.facets) + ROUNDING,
     )
