@@ -78,14 +78,15 @@ def add_mesh(rng: Random) -> None:
         first = len(data.positions)
         loose = [(first, first + 1), (0, first + 2)]
         data = replace(data, positions=np.concatenate([data.positions, rng.normal(size=(4, 3))]), loose_edges=loose)
-    _choose(scene.add_object(data, one(rng, ("Mesh", "Cube", "Ärger", "Mesh Adaptive", "ccdepth"))))
+    _chosen(scene.add_object(data, one(rng, ("Mesh", "Cube", "Ärger", "Mesh Adaptive", "ccdepth"))))
 
 
-def _choose(holder: bpy.types.Object) -> None:
-    """Select a new object and make it active, where that is possible."""
+def _chosen(holder: bpy.types.Object) -> bpy.types.Object:
+    """A new object, which is selected and made active, where that is possible."""
     with suppress(*REFUSALS):
         holder.select_set(True)
         bpy.context.view_layer.objects.active = holder
+    return holder
 
 
 def _grid(rng: Random) -> meshes.MeshData:
@@ -135,15 +136,9 @@ def spoil_mesh(rng: Random) -> None:
     mesh.update()
 
 
-def _add(name: str, data: bpy.types.ID | None) -> bpy.types.Object:
-    holder = scene.add(name, data)
-    _choose(holder)
-    return holder
-
-
 def add_user(rng: Random) -> None:
     """One more object with a mesh that is there, at a size of its own."""
-    holder = _add("User", one(rng, bpy.data.meshes))
+    holder = _chosen(scene.add("User", one(rng, bpy.data.meshes)))
     if chance(rng, 0.5):
         holder.scale = rng.uniform(0.3, 2.0, 3).tolist()
 
@@ -152,7 +147,7 @@ def add_other(rng: Random) -> None:
     """An object that is no mesh."""
     kinds = (("lights", "POINT"), ("curves", "CURVE"), ("curves", "FONT"), ("cameras",), ("lattices",), ("armatures",))
     collection, *kind = one(rng, (*kinds, ("metaballs",), ("",)))
-    _add("Other", getattr(bpy.data, collection).new("Other", *kind) if collection else None)
+    _chosen(scene.add("Other", getattr(bpy.data, collection).new("Other", *kind) if collection else None))
 
 
 def place(rng: Random) -> None:

@@ -67,11 +67,6 @@ def values_of(holder: bpy.types.Object, name: str) -> list:
     return read(holder.data, name).tolist()
 
 
-def kind(holder: bpy.types.Object, name: str) -> tuple[str, str]:
-    attribute = holder.data.attributes[name]
-    return attribute.data_type, attribute.domain
-
-
 def read_arrays(holder: bpy.types.Object, *, use_modifiers: bool = False) -> PolygonMesh:
     module = addon.module("exchange.control_mesh")
     return module.read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers).topology.arrays
@@ -101,7 +96,8 @@ def test_every_kind_of_attribute_is_carried_over(case: tuple[int, bool]) -> None
             assert values_of(holder, name) == values
             if is_kept_to_itself(name, *kinds[name]):
                 continue
-            assert kind(result, name) == kinds[name], name
+            made = result.data.attributes[name]
+            assert (made.data_type, made.domain) == kinds[name], name
             if kinds[name][1] == "POINT":
                 # The control mesh's vertices come first, and keep their values.
                 assert values_of(result, name)[: len(values)] == values, (name, kinds[name])

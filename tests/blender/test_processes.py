@@ -24,13 +24,6 @@ from tests.thorough import combinations
 command_line = addon.module("command_line.command")
 
 
-def files_of(printed: str) -> list[dict[str, Any]]:
-    """What a report says of each file, but for where it was written."""
-    # Blender itself may have printed warnings before our command began.
-    files = json.loads(printed[printed.index("{\n") :])["files"]
-    return [{**each, "output": each["output"] and {**each["output"], "path": None}} for each in files]
-
-
 def test_jobs_report_the_same_in_the_same_order(
     tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -60,7 +53,9 @@ def test_jobs_report_the_same_in_the_same_order(
         assert "4 of 4 files done, 0 left" in told
         assert "bad.glb" in told
         assert "Traceback" not in told
-        reports.append(files_of(printed))
+        # Blender itself may have printed warnings before our command began. Each run wrote to another folder.
+        files = json.loads(printed[printed.index("{\n") :])["files"]
+        reports.append([{**each, "output": each["output"] and {**each["output"], "path": None}} for each in files])
     assert [each["error"] is None for each in reports[0]] == [False, True, True, True]
     assert [each["input"]["path"] for each in reports[0]] == [(tmp_path / source).as_posix() for source in sources]
     assert [entry["name"] for each in reports[0] for entry in each["objects"]] == 3 * ["one.obj"]
@@ -151,15 +146,6 @@ done, module("command").process_file = module("command").process_file, deadly_or
     return changed_program(folder, changes)
 
 
-def process_noted(folder: Path, seconds: float = 60.0) -> int:
-    """The first process that wrote its number into the folder."""
-    end = time.monotonic() + seconds
-    while not (found := list(folder.glob("*.pid"))):
-        assert time.monotonic() < end
-        time.sleep(0.1)
-    return int(found[0].stem)
-
-
 def wait_for_end(process: int) -> None:
     """A few seconds, which it is given to break off what it does."""
     for _ in range(150):
@@ -212,7 +198,10 @@ def test_a_run_that_is_ended_while_it_writes_leaves_nothing_for_ever(
     line = [source, "--subdivide", "--tolerance", "50mm", "--output", out / "made.obj", "--overwrite"]
     command = [*changed_program(tmp_path, HANGING), *map(str, [*line, *jobs])]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as started:
-        worker = process_noted(tmp_path)
+        end = time.monotonic() + 60
+        while not (noted := list(tmp_path.glob("*.pid"))):
+            assert time.monotonic() < end
+            time.sleep(0.1)
         assert len(list(out.iterdir())) > 1
         started.send_signal(number)
         _, told = started.communicate(timeout=60)
@@ -221,7 +210,7 @@ def test_a_run_that_is_ended_while_it_writes_leaves_nothing_for_ever(
     assert "Traceback" not in told
     assert (out / "made.obj").read_text() == "precious"
     if number == signal.SIGKILL:
-        wait_for_end(worker)
+        wait_for_end(int(noted[0].stem))
         assert run(*line) == 0
     assert [each.name for each in out.iterdir()] == ["made.obj"]
 

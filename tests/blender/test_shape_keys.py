@@ -111,9 +111,7 @@ def plane_with_loose_parts(loose_edge: bool = False) -> bpy.types.Object:
 
 def used(holder: bpy.types.Object) -> np.ndarray:
     """(V,) bool: the vertices with faces."""
-    found = np.zeros(len(holder.data.vertices), dtype=bool)
-    found[[loop.vertex_index for loop in holder.data.loops]] = True
-    return found
+    return np.isin(np.arange(len(holder.data.vertices)), scene.mesh_data(holder.data).corner_vertices)
 
 
 @pytest.mark.parametrize("loose_edge", [False, True])

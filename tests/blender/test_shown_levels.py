@@ -91,16 +91,6 @@ def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundar
 # The law of single precision, two thirds of which are never exceeded
 
 
-def placed(data: meshes.MeshData, stretch: float) -> bpy.types.Object:
-    """An object of it, turned under a parent that is stretched."""
-    child, parent = scene.add_object(data), scene.add_object(meshes.cube())
-    child.matrix_basis = Euler((0, 0, np.pi / 4)).to_matrix().to_4x4()
-    parent.matrix_basis = Matrix.Diagonal((stretch, 1, 1, 1))
-    child.parent = parent
-    bpy.context.view_layer.update()
-    return child
-
-
 @pytest.mark.every_blender
 @pytest.mark.parametrize("stretch", each((1.0, 20.0, 100.0, 1e4), short=(20.0, 100.0)))
 @pytest.mark.parametrize("offset", each(((300, 300, 300), (300, -300, 10)), short=[(300, 300, 300)]))
@@ -109,9 +99,12 @@ def test_sheared_objects(offset: tuple[float, float, float], stretch: float) -> 
     data = meshes.single_precision(meshes.moved(scene.suzanne(), *offset))
     shown = BlenderLevels(data, "ALL")
     exact = Levels(shown.subdivided(0))
-    control = addon.module("exchange.control_mesh").read_control_mesh(
-        bpy.context, placed(data, stretch), use_modifiers=False
-    )
+    # Turned under a parent that is stretched.
+    child, parent = scene.add_object(data), scene.add_object(meshes.cube())
+    child.matrix_basis = Euler((0, 0, np.pi / 4)).to_matrix().to_4x4()
+    child.parent, parent.matrix_basis = parent, Matrix.Diagonal((stretch, 1, 1, 1))
+    bpy.context.view_layer.update()
+    control = addon.module("exchange.control_mesh").read_control_mesh(bpy.context, child, use_modifiers=False)
     law = addon.module("core.bounds.rounding").modifier_rounding
     for level in (1, 2):
         off = (shown.shown(level) - exact.mesh(level).positions) @ control.world.T
