@@ -208,10 +208,14 @@ def assert_within(
     mode: str = "ADAPTIVE", least_share: float = LEAST_SHARE,
 ) -> None:  # fmt: skip
     """Both ways at each of these tolerances, with these transitions."""
-    diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
+    diagonal = meshes.diagonal(data)
     while data.face_sizes.sum() * 4**level <= MOST_QUADS:
         level += 1
-    faces = faces_to_measure(data, level)
+    # As many faces near each other as there may be at the deep level; what is around them is as many again or more.
+    middles = np.array([data.positions[face].mean(axis=0) for face in data.faces])
+    order = np.argsort(np.linalg.norm(middles - middles[0], axis=1), kind="stable")
+    quads = np.cumsum(data.face_sizes[order]) * 4 ** (level - 1)
+    faces = np.sort(order[: max(1, int(np.searchsorted(quads, MOST_QUADS / 2)))])
     surface = surface_of(data, faces, level)
     # Blender's trees compute in single precision as well.
     slack *= rounding(data.positions, level)
@@ -292,14 +296,6 @@ WORLDS: dict[str, FloatArray] = {
 def test_polygons_of_uneven_objects_are_within_the_tolerance(name: str, world: str) -> None:
     # The nearest points of a mesh that is stored in another space.
     assert_within(CASES[name].build(), {COARSE: "NGONS", MIDDLE: "NGONS"}, slack=4, world=WORLDS[world])
-
-
-def faces_to_measure(data: meshes.MeshData, level: int) -> NDArray[np.intp]:
-    """As many faces near each other as there may be at the deep level; what is around them is as many again or more."""
-    middles = np.array([data.positions[face].mean(axis=0) for face in data.faces])
-    order = np.argsort(np.linalg.norm(middles - middles[0], axis=1), kind="stable")
-    quads = np.cumsum(data.face_sizes[order]) * 4 ** (level - 1)
-    return np.sort(order[: max(1, int(np.searchsorted(quads, MOST_QUADS / 2)))])
 
 
 def assert_mesh_near_surface(

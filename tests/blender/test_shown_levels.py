@@ -61,7 +61,7 @@ SHORT = [(name, *setting) for name, setting in ONCE if name != "valence 360"]
 )
 def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundary: str) -> None:
     data = meshes.single_precision(MESHES[name]())
-    diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
+    diagonal = meshes.diagonal(data)
     shown, reference = BlenderLevels(data, boundary), BlenderLevels(data, boundary)
     modifier, measured = shown.object.modifiers[0], 0
     law = addon.module("core.bounds.rounding").modifier_rounding
