@@ -176,15 +176,15 @@ def compare(mesh: PolygonMesh, sampled: FloatArray, found: DepthResult, toleranc
     above = np.where(known & ~below, found.depths - least, 0)
     equal = known & ~below & (above == 0)
     return Comparison(
-        faces=_count(known),
-        equal=_count(equal),
-        confirmed=_count(equal & ~at_first),
-        one_above=_count(above == 1),
-        more_above=_count(above > 1),
-        below=_count(below),
-        wrongly_exact=_count(known & ~equal & found.exact),
-        unproved=_count(known & ~found.exact),
-        unknown=_count(~known),
+        faces=np.count_nonzero(known),
+        equal=np.count_nonzero(equal),
+        confirmed=np.count_nonzero(equal & ~at_first),
+        one_above=np.count_nonzero(above == 1),
+        more_above=np.count_nonzero(above > 1),
+        below=np.count_nonzero(below),
+        wrongly_exact=np.count_nonzero(known & ~equal & found.exact),
+        unproved=np.count_nonzero(known & ~found.exact),
+        unknown=np.count_nonzero(~known),
     )
 
 
@@ -194,7 +194,3 @@ def least_depths(sampled: FloatArray, tolerance: float) -> NDArray[np.intp]:
     first = near.argmax(axis=0)
     measured = np.sum(np.cumprod(~np.isnan(sampled), axis=0), axis=0)
     return np.where(near.any(axis=0) & (first < measured), first, -1)
-
-
-def _count(chosen: NDArray[np.bool_]) -> int:
-    return int(np.count_nonzero(chosen))

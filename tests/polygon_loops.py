@@ -6,7 +6,6 @@ A loop is (N, 3), its vertices in order; some may stand for middles of sides bet
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -59,8 +58,7 @@ class Loop:
 
     def normal(self) -> FloatArray:
         """Newell's, a unit vector, or zero."""
-        following = np.roll(self.vertices, -1, axis=0)
-        sum_of_crosses = np.cross(self.vertices, following).sum(axis=0)
+        sum_of_crosses = np.cross(self.vertices, np.roll(self.vertices, -1, axis=0)).sum(axis=0)
         length = np.linalg.norm(sum_of_crosses)
         return sum_of_crosses / length if length > 0 else sum_of_crosses
 
@@ -109,8 +107,8 @@ def drawn_ways(vertices: FloatArray, normal: FloatArray, tries: int) -> list[lis
 
     Found by cutting ears off at random. Where vertices lie in one line that may come to nothing, so it is tried again.
     """
-    is_ear = partial(_is_ear, seen_along(vertices, normal))
-    found = (cut(len(vertices), np.random.default_rng(seed), is_ear) for seed in range(tries))
+    flat = seen_along(vertices, normal)
+    found = (cut(len(flat), np.random.default_rng(seed), lambda *at: _is_ear(flat, *at)) for seed in range(tries))
     return [triangles for triangles in found if triangles]
 
 
