@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
-from ccdepth_addon.core.depth.face_depths import DepthResult
+from ccdepth_addon.core.depth.tolerance import FaceDepths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
@@ -156,7 +156,7 @@ class Comparison:
         return self.equal / max(self.faces, 1)
 
 
-def compare(mesh: PolygonMesh, sampled: FloatArray, found: DepthResult, tolerance: float, vertices: str) -> Comparison:
+def compare(mesh: PolygonMesh, sampled: FloatArray, found: FaceDepths, tolerance: float, vertices: str) -> Comparison:
     """Compare depths with the least ones by (levels, F) sampled distances, nan where a level was not measured.
 
     Where a depth is above, the lesser levels are measured again, closely, as far as ``LAST_CLOSE_LEVEL``.

@@ -29,7 +29,6 @@ from .depth.common_level import common_level
 from .depth.face_depths import (
     METHODS,
     VERTICES,
-    DepthResult,
     ToleranceError,
     check_input,
     check_pose,
@@ -39,6 +38,7 @@ from .depth.face_depths import (
 )
 from .depth.modifier_quality import needed_quality
 from .depth.pose_depths import Pose, PoseDepths, pose_depths, raised_depths
+from .depth.tolerance import FaceDepths
 from .depth.worst_pose import WorstPose, worst_pose
 from .deviation import Deviation, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
@@ -57,9 +57,9 @@ __all__ = [
     "AdaptiveRequest",
     "Attempt",
     "BoolArray",
-    "DepthResult",
     "Deviation",
     "Evaluate",
+    "FaceDepths",
     "FloatArray",
     "IndexArray",
     "InvalidMeshError",

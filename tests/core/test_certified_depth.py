@@ -13,7 +13,8 @@ from hypothesis.extra.numpy import arrays
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.bounds.rounding import rounding_allowance, smallest_tolerance
-from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths
+from ccdepth_addon.core.depth.face_depths import VERTICES, face_depths
+from ccdepth_addon.core.depth.tolerance import FaceDepths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from tests import brute_force, meshes, nets
@@ -23,7 +24,7 @@ from tests.meshes import build, diagonal
 from tests.thorough import combinations
 
 
-def certified(mesh: PolygonMesh, tolerance: float, vertices: str) -> DepthResult:
+def certified(mesh: PolygonMesh, tolerance: float, vertices: str) -> FaceDepths:
     return face_depths(mesh, tolerance, "CERTIFIED", vertices)
 
 

@@ -15,7 +15,8 @@ import pytest
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Method, Vertices, first_order_rate
 from ccdepth_addon.core.bounds.rounding import rounding_allowance, smallest_tolerance
-from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, DepthResult, ToleranceError, face_depths
+from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, ToleranceError, face_depths
+from ccdepth_addon.core.depth.tolerance import FaceDepths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
@@ -202,11 +203,11 @@ def everything() -> meshes.MeshData:
 
 
 @cache
-def expected_of(method: str, vertices: str) -> DepthResult:
+def expected_of(method: str, vertices: str) -> FaceDepths:
     return face_depths(build(everything()), TOLERANCE, method, vertices)
 
 
-def assert_same(found: DepthResult, expected: DepthResult, order: object = slice(None)) -> None:
+def assert_same(found: FaceDepths, expected: FaceDepths, order: object = slice(None)) -> None:
     np.testing.assert_array_equal(found.depths, expected.depths[order])
     np.testing.assert_array_equal(found.exact, expected.exact[order])
     np.testing.assert_allclose(found.bounds, expected.bounds[order], rtol=1e-9, atol=1e-12)

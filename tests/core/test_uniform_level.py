@@ -9,9 +9,10 @@ import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.depth.common_level import common_level
-from ccdepth_addon.core.depth.face_depths import DepthResult, ToleranceError, check_pose, face_depths, uniform_level
+from ccdepth_addon.core.depth.face_depths import ToleranceError, check_pose, face_depths, uniform_level
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
 from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths, raised_depths
+from ccdepth_addon.core.depth.tolerance import FaceDepths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
@@ -142,7 +143,7 @@ def pose_of(mesh: PolygonMesh, positions: FloatArray, tolerance: float) -> Pose:
     return Pose(lambda: mesh.changed(positions=positions), tolerance)
 
 
-def singles(poses: list[Pose], method: str, vertices: str) -> list[DepthResult]:
+def singles(poses: list[Pose], method: str, vertices: str) -> list[FaceDepths]:
     return [face_depths(pose.make(), pose.tolerance, method, vertices) for pose in poses]
 
 

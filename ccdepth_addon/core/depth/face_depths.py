@@ -7,12 +7,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.types import BoolArray, IndexArray
 from ..bounds.norm_bounds import PATCH_METHODS, Method, Vertices
 from ..bounds.rounding import rounding_allowance, smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
@@ -33,22 +32,6 @@ class ToleranceError(ValueError):
     """The error of a tolerance without meaning on the mesh. The message gives the reason in a modeller's words."""
 
 
-@dataclass(frozen=True)
-class DepthResult:
-    """The depths of all faces, (F,) each; distances are in the unit of the positions.
-
-    depths: int32. bounds: float64, the proved distance at that depth. distances: float64, a distance reached there (0
-    for methods that compute none). exact: bool, whether every lesser depth is disproved. lasting: bool, whether the
-    face is proved to be within the tolerance at every later level, too.
-    """
-
-    depths: NDArray[np.int32]
-    bounds: FloatArray
-    distances: FloatArray
-    exact: BoolArray
-    lasting: BoolArray
-
-
 def face_depths(
     mesh: PolygonMesh,
     tolerance: float,
@@ -57,7 +40,7 @@ def face_depths(
     progress: Progress = no_report,
     *,
     is_checked: bool = False,
-) -> DepthResult:
+) -> FaceDepths:
     """The depth of every face of a mesh whose sharpness is explicit (``sharpness.apply_boundary_rule``).
 
     tolerance: the largest distance allowed, in the unit of the positions. method, vertices: names of ``Method`` and
@@ -74,7 +57,7 @@ def face_depths(
     for part in depths_in_chunks(mesh, test, Method(method), Vertices(vertices), every, counter.tick):
         whole.update(part)
         counter.add(len(part.faces))
-    return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact, whole.lasting)
+    return whole
 
 
 def check_input(mesh: PolygonMesh, tolerance: float) -> None:

@@ -29,11 +29,11 @@ class ToleranceTest:
 
 @dataclass(frozen=True)
 class FaceDepths:
-    """Some faces of the mesh and their depths: (P,) each.
+    """Faces of the mesh and their depths: (P,) each; distances are in the unit of the positions.
 
-    depths: int32, -1 while undecided. bounds: the proved distance at that depth. distances: a distance reached there.
-    exact: whether every lesser depth is disproved. lasting: whether the face is proved to be within the tolerance at
-    every later level, too.
+    faces: intp. depths: int32, -1 while undecided. bounds: float64, the proved distance at that depth. distances:
+    float64, a distance reached there (0 for methods that compute none). exact: bool, whether every lesser depth is
+    disproved. lasting: bool, whether the face is proved to be within the tolerance at every later level, too.
     """
 
     faces: IndexArray
@@ -70,11 +70,8 @@ class FaceDepths:
 
     def update(self, part: FaceDepths) -> None:
         """Copy the results of some faces into these results, which must be for faces 0, 1, 2, …"""
-        self.depths[part.faces] = part.depths
-        self.bounds[part.faces] = part.bounds
-        self.distances[part.faces] = part.distances
-        self.exact[part.faces] = part.exact
-        self.lasting[part.faces] = part.lasting
+        for name in ("depths", "bounds", "distances", "exact", "lasting"):
+            vars(self)[name][part.faces] = vars(part)[name]
 
 
 @dataclass(frozen=True)
