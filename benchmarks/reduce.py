@@ -29,7 +29,7 @@ from tests.blender import scene
 RELATIVE_TOLERANCES = (1e-3, 3e-4)
 
 # The most triangles there may be at 1e-3.
-MOST = {"bevelled cube": 630, "bevelled cylinder": 1330, "Suzanne after one step": 7900}
+MOST = {"bevelled cube": 560, "bevelled cylinder": 1000, "Suzanne after one step": 3700}
 
 LEVEL, BISECTIONS = 3, 7
 
