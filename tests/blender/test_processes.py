@@ -330,7 +330,8 @@ def test_files_that_are_broken_at_random(tmp_path: Path, suffix: str, part: int)
     command = [*program(), *line, "--json", report, "--", *sources]
     ended = run_in(tmp_path, command)
     assert ended.returncode in (0, 1), ended.stdout[-2000:]
-    assert not re.findall(r'File ".*ccdepth.*', ended.stdout)
+    # The checkout's folder may be called so as well, and Blender with its importers be in there.
+    assert not re.findall(r'File "(?!.*/site-packages/).*ccdepth.*', ended.stdout)
     content = json.loads((tmp_path / report).read_text(encoding="utf-8"))
     entries = content["files"]
     assert [each["input"]["path"] for each in entries] == sources
