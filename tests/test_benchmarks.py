@@ -35,6 +35,8 @@ compact = certify_sharp_constants.compact
 def test_constants_of_the_table_are_found_again(valence: int) -> None:
     """The rows of valences over 32 are common to several."""
     found = certify_sharp_constants.sharp_constants(valence)
+    assert certify_sharp_constants.TABLES.name == "sharp_constants.py"
+    assert certify_sharp_constants.TABLES.is_file()
     tables = {Vertices.CONTROL: sharp_constants.CONTROL_FACTORS, Vertices.LIMIT: sharp_constants.LIMIT_FACTORS}
     for kind, table in tables.items():
         row = table[min(last for last in table if last >= valence)]

@@ -284,6 +284,11 @@ def test_sharp_factors_are_the_least(valence: int, vertices: str) -> None:
             assert 0.99 * own <= distance <= own
 
 
+def test_every_row_of_the_tables_has_all_it_needs() -> None:
+    assert list(RATES) == list(CONTROL_FACTORS) == list(LIMIT_FACTORS) == [3, *range(5, 33), 48, 64, 96, 128]
+    assert all(len(row) == LEVELS for table in FACTORS.values() for row in table.values())
+
+
 @both_vertices
 def test_sharp_bounds_fall_with_every_level_and_lie_below_the_published(vertices: str) -> None:
     """Where the factors begin to recur a bound can be a little above the one before, never above the last but one."""
@@ -296,8 +301,9 @@ def test_sharp_bounds_fall_with_every_level_and_lie_below_the_published(vertices
         assert np.all(sharp[1:] < 1.09 * sharp[:-1])
         assert np.all(sharp[2:] < sharp[:-2])
         assert np.all(sharp < published)
-    sharp, published = (bounds_of(method, max(RATES) + 1, 1, vertices) for method in ("SHARP", "SECOND_ORDER"))
-    assert all(sharp.at(level) == published.at(level) for level in range(5))
+    for valence in (4, max(RATES) + 1):
+        sharp, published = (bounds_of(method, valence, 1, vertices) for method in ("SHARP", "SECOND_ORDER"))
+        assert all(sharp.at(level) == published.at(level) for level in range(5))
 
 
 # Sums of three numbers of some ten, in any order.

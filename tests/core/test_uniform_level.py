@@ -223,11 +223,23 @@ def test_bounds_are_lengths_in_the_pose_where_they_are_longest() -> None:
         assert np.all(distances[found.depths[shallow], shallow] <= found.bounds[shallow] + ROUNDING)
 
 
+def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
+    """The middle face of 3 × 3, whose depth is 0, is off at level 1 by several times the tolerance, and at level 2."""
+    mesh = grid_counter_example()
+    levels = Levels(mesh)
+    distances = [levels.distances(level, "CONTROL", 4)[4] for level in range(4)]
+    assert distances[0] <= EPSILON
+    assert distances[1] > 4 * EPSILON
+    assert distances[2] > EPSILON >= distances[3]
+    assert face_depths(mesh, EPSILON, "CERTIFIED", "CONTROL").depths[4] == 0
+    bounds = [level_bounds(mesh, EPSILON, "CERTIFIED", "CONTROL", level)[4] for level in range(4)]
+    assert np.isfinite(bounds).tolist() == [True, False, False, True]
+
+
 def test_a_level_is_not_enough_because_an_earlier_one_is() -> None:
     """In one pose the middle face of 3 × 3 is near enough at levels 0 and 3 alone, and another one needs level 1."""
     whole = grid_counter_example()
-    levels, grid = Levels(whole), meshes.grid(3, 3).positions
-    assert [levels.distances(each, "CONTROL", 4)[4] <= EPSILON for each in range(4)] == [True, False, False, True]
+    grid = meshes.grid(3, 3).positions
     odd = pose_of(whole, whole.positions, EPSILON)
     bump = np.zeros_like(grid)
     bump[5, 2] = 1.0

@@ -142,6 +142,9 @@ def second_order_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBoun
     return PatchBounds(second_order_norm_extraordinary(net) * factor, published_rate(valence))
 
 
+# The last valence with a row of its own in Sharp's tables.
+LAST_ALONE = 32
+
 SHARP_FACTORS = {
     Vertices.CONTROL: sharp_constants.CONTROL_FACTORS,
     Vertices.LIMIT: sharp_constants.LIMIT_FACTORS,
@@ -154,11 +157,12 @@ def sharp_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBounds:
     For regular patches the published factors are the best: M/3, M/4 and their rate of 1/4 are reached.
     """
     valence = (len(net) - 8) // 2
-    row = min((last for last in sharp_constants.RATES if last >= valence), default=None)
+    rows = sharp_constants.RATES
+    row = valence if valence in rows else min((last for last in rows if last > valence > LAST_ALONE), default=None)
     if row is None:
         return second_order_extraordinary(net, vertices)
     norm = second_order_norm_extraordinary(net)
-    return PatchBounds(norm, sharp_constants.RATES[row], SHARP_FACTORS[vertices][row], sharp_constants.PERIOD)
+    return PatchBounds(norm, rows[row], SHARP_FACTORS[vertices][row], sharp_constants.PERIOD)
 
 
 def first_order_rate(valence: int) -> float:
