@@ -34,7 +34,6 @@ from mathutils.geometry import delaunay_2d_cdt
 from ccdepth_addon.core.adaptive.plan import TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import subdivide_adaptively
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
-from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import measure_deviation
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
@@ -208,9 +207,7 @@ class Made:
 def make(mesh: PolygonMesh, limit: float, mode: Mode) -> Made:
     start = perf_counter()
     try:
-        found = subdivide_adaptively(
-            mesh, AdaptiveRequest(limit, mode, Transitions.TRIANGLES, MOST_FACES), mesh.positions
-        )
+        found = subdivide_adaptively(mesh, AdaptiveRequest(limit, mode, MOST_FACES), mesh.positions)
     except TooManyFacesError:
         return Made(-1, -1, -1, -1, perf_counter() - start)
     quads = int(np.count_nonzero(np.diff(found.mesh.face_starts) == 4))
@@ -346,7 +343,7 @@ class Row:
 def report_modelled(name: str, mesh: PolygonMesh, tolerance: float) -> Row:
     """Print a row."""
     limit = tolerance * float(np.linalg.norm(np.ptp(mesh.positions, axis=0))) if tolerance > 0 else -tolerance
-    request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    request = AdaptiveRequest(limit, Mode.ADAPTIVE, MOST_FACES)
     start = process_time()
     found = subdivide_adaptively(mesh, request, mesh.positions).mesh
     seconds = process_time() - start

@@ -30,7 +30,6 @@ from benchmarks.adaptive_faces import QUADS_AT_ONCE, Quads, quads_of, surface_gr
 from benchmarks.adaptive_faces import children as children_of
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
-from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
@@ -95,7 +94,7 @@ def _heights(surface: FloatArray, triangles: FloatArray) -> FloatArray:
 
 
 def subdivide(mesh: PolygonMesh, limit: float) -> AdaptiveMesh:
-    request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    request = AdaptiveRequest(limit, Mode.ADAPTIVE, MOST_FACES)
     return subdivide_adaptively(mesh, request, mesh.positions)
 
 

@@ -41,7 +41,7 @@ import json, sys, time
 import numpy as np
 import ccdepth_addon.core.arrays.threads as threads
 from ccdepth_addon.core import (
-    AdaptiveRequest, Mode, Transitions, apply_boundary_rule, polygon_mesh, subdivide_adaptively
+    AdaptiveRequest, Mode, apply_boundary_rule, polygon_mesh, subdivide_adaptively
 )
 threads._thread_count = lambda: 1
 for line in sys.stdin:
@@ -49,7 +49,7 @@ for line in sys.stdin:
     with np.load(path) as saved:
         mesh = polygon_mesh(saved["positions"], saved["face_sizes"], saved["corner_vertices"])
     mesh = apply_boundary_rule(mesh, smooth_corners=True)
-    request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, 10_000_000)
+    request = AdaptiveRequest(limit, Mode.ADAPTIVE, 10_000_000)
     start = time.process_time()
     found = subdivide_adaptively(mesh, request, mesh.positions)
     print(json.dumps([time.process_time() - start, len(found.bounds)]), flush=True)

@@ -24,7 +24,6 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
-from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import measure_deviation
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
@@ -94,7 +93,7 @@ def diagonal(control: PolygonMesh) -> float:
 
 
 def adaptive(name: str, control: PolygonMesh, tolerance: float) -> Case:
-    request = AdaptiveRequest(tolerance, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    request = AdaptiveRequest(tolerance, Mode.ADAPTIVE, MOST_FACES)
     start = process_time()
     made = subdivide_adaptively(control, request, control.positions).mesh
     making = process_time() - start

@@ -276,9 +276,9 @@ def diagonal(mesh: Any) -> float:
 
 
 def adaptive_mesh(mesh: Any, tolerance: float, most_faces: int = 10_000_000) -> Any:
-    from ccdepth_addon.core import AdaptiveRequest, Mode, Transitions, subdivide_adaptively
+    from ccdepth_addon.core import AdaptiveRequest, Mode, subdivide_adaptively
 
-    request = AdaptiveRequest(tolerance * diagonal(mesh), Mode.ADAPTIVE, Transitions.TRIANGLES, most_faces)
+    request = AdaptiveRequest(tolerance * diagonal(mesh), Mode.ADAPTIVE, most_faces)
     return subdivide_adaptively(mesh, request, mesh.positions)
 
 

@@ -107,6 +107,13 @@ def hexagons(columns: int, rows: int, noise: float = 0.0, seed: int = 1) -> Mesh
     return MeshData(own[used], np.full(len(faces), 6), corners.reshape(-1))
 
 
+def hexagons_with_a_bump() -> MeshData:
+    """Flat but for a bump near the border."""
+    data = hexagons(6, 11, 0.12)
+    away = np.linalg.norm(data.positions[:, :2] - (4.0, 3.0), axis=1)
+    return replace(data, positions=data.positions + np.maximum(2.0 - away, 0.0)[:, None] * (0.0, 0.0, 0.5))
+
+
 def landscape(columns: int, rows: int, seed: int = 1) -> MeshData:
     """A grid with hills and some noise on them."""
     noise = np.random.default_rng(seed).uniform(-0.2, 0.2, (columns + 1) * (rows + 1))

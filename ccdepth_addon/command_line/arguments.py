@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 
-from ..core import METHODS, Mode, Transitions
+from ..core import METHODS, Mode
 from ..state.properties import VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
@@ -154,7 +154,6 @@ def _add_actions(parser: Parser) -> None:
     )
     add = parser.add_argument_group("adaptive subdivision").add_argument
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
-    add("--transitions", type=_name, choices=list(Transitions), help="how faces beside finer ones are drawn")
     add(
         "--in-place",
         dest="output_kind",

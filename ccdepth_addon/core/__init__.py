@@ -9,7 +9,6 @@ from .adaptive.plan import TooManyFacesError
 from .adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
 from .adaptive.request import AdaptiveRequest, Mode
 from .adaptive.subdivided_mesh import SubdividedMesh
-from .adaptive.templates import Transitions
 from .arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 from .attributes.face_varying import face_varying_surface
 from .attributes.interpolation import (
@@ -76,7 +75,6 @@ __all__ = [
     "SurfacePoints",
     "ToleranceError",
     "TooManyFacesError",
-    "Transitions",
     "TriangleMesh",
     "WorstPose",
     "apply_boundary_rule",

@@ -77,10 +77,6 @@ SUBDIVISION_MODES = (
     ("ADAPTIVE", "Adaptive", "Divide each part of a face only as far as the part needs: the fewest faces"),
     ("PER_FACE", "Per Face", "Divide each face evenly, as far as its most demanding part needs"),
 )
-TRANSITION_ITEMS = (
-    ("TRIANGLES", "Triangles", "As a few well-shaped triangles"),
-    ("NGONS", "N-Gons", "As one polygon with more than four corners"),
-)
 OUTPUT_ITEMS = (
     ("NEW_OBJECT", "New Object", "The result is a new object in the same place, and the original is hidden"),
     (
@@ -197,12 +193,6 @@ class DivisionProperties:
 
     mode: EnumProperty(
         name="Division", description="How the faces are divided", items=SUBDIVISION_MODES, default="ADAPTIVE"
-    )
-    transitions: EnumProperty(
-        name="Transitions",
-        description="How a face beside finer faces is drawn",
-        items=TRANSITION_ITEMS,
-        default="TRIANGLES",
     )
 
 

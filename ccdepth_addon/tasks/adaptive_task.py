@@ -18,7 +18,6 @@ from ..core import (
     AdaptiveRequest,
     FloatArray,
     Mode,
-    Transitions,
     check_tolerance,
     largest_coordinates,
     rounding_allowance,
@@ -47,7 +46,6 @@ class AdaptiveSettings(SurfaceSettings):
     """The settings of Apply Adaptive Subdivision; ``max_faces`` is for all results together."""
 
     mode: str
-    transitions: str
     max_faces: int
 
 
@@ -94,9 +92,8 @@ class AdaptiveTask:
 
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
         limit = tolerance - self.allowance
-        transitions = Transitions(settings.transitions)
         largest = float(np.abs(self.control.mesh.positions).max(initial=0.0))
-        return AdaptiveRequest(limit, Mode(settings.mode), transitions, most_faces, self.control.world, largest)
+        return AdaptiveRequest(limit, Mode(settings.mode), most_faces, self.control.world, largest)
 
 
 @dataclass(frozen=True)

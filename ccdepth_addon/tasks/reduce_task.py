@@ -31,7 +31,7 @@ def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: P
     """
     task = answer.task
     control = task.control
-    whole = task.request(replace(settings, mode="ADAPTIVE", transitions="TRIANGLES"), task.surface.tolerance, 0)
+    whole = task.request(replace(settings, mode="ADAPTIVE"), task.surface.tolerance, 0)
     for divisor in DIVISORS:
         # Below the smallest step nothing can be proved.
         limit = max(whole.limit / divisor, min(whole.limit, smallest_step(control.in_world)))

@@ -66,7 +66,6 @@ class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
         division = column.column()
         division.active = not settings.reduce
         division.prop(settings, "mode")
-        division.prop(settings, "transitions")
         column.prop(settings, "exact_normals")
         column.prop(settings, "max_faces")
 

@@ -55,16 +55,9 @@ def flattened(data: meshes.MeshData) -> meshes.MeshData:
     return replace(data, positions=(data.positions + noise) * (1.0, 1.0, 0.05))
 
 
-def hexagons_with_a_bump() -> meshes.MeshData:
-    """Flat but for a bump near the border."""
-    data = meshes.hexagons(6, 11, 0.12)
-    away = np.linalg.norm(data.positions[:, :2] - (4.0, 3.0), axis=1)
-    return replace(data, positions=data.positions + np.maximum(2.0 - away, 0.0)[:, None] * (0.0, 0.0, 0.5))
-
-
-# Tolerances in parts of the diagonal: the deep level, and the transitions.
+# Tolerances in parts of the diagonal: the deep level.
 COARSE, MIDDLE, FINE, FINEST = 3e-2, 1e-2, 1e-3, 1e-4
-TOLERANCES = {COARSE: (4, "TRIANGLES"), MIDDLE: (5, "NGONS"), FINE: (5, "TRIANGLES"), FINEST: (6, "TRIANGLES")}
+TOLERANCES = {COARSE: 4, MIDDLE: 5, FINE: 5, FINEST: 6}
 
 
 @dataclass(frozen=True)
@@ -89,7 +82,7 @@ CASES = {
     "concave faces": Case(meshes.concave_faces, (COARSE, MIDDLE)),
     "nearly flat around a pole": Case(lambda: flattened(meshes.fan(5, 3)), (MIDDLE, FINE), FINEST),
     "flat hexagons": Case(lambda: meshes.hexagons(4, 7, 0.12), (MIDDLE,), FINEST),
-    "hexagons with a bump": Case(hexagons_with_a_bump, (FINE,), FINEST),
+    "hexagons with a bump": Case(meshes.hexagons_with_a_bump, (FINE,), FINEST),
     "Suzanne": Case(NAMED["Suzanne"], (FINE,)),
     "Suzanne after one step": Case(NAMED["Suzanne after one step"], least=FINEST),
     "Suzanne with random creases": Case(
@@ -130,15 +123,13 @@ class Drawn:
     bounds: FloatArray
 
 
-def drawn(
-    data: meshes.MeshData, tolerance: float, transitions: str, world: FloatArray | None = None, mode: str = "ADAPTIVE"
-) -> Drawn:
+def drawn(data: meshes.MeshData, tolerance: float, world: FloatArray | None = None, mode: str = "ADAPTIVE") -> Drawn:
     """tolerance: in the unit of the positions. world: (3, 3), of the object that has the data in the scene."""
     world = np.eye(3) if world is None else world
     adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.sharpness")
-    templates, request = addon.module("core.adaptive.templates"), addon.module("core.adaptive.request")
+    request = addon.module("core.adaptive.request")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
-    wish = request.AdaptiveRequest(tolerance, request.Mode(mode), templates.Transitions(transitions), MOST_FACES, world)
+    wish = request.AdaptiveRequest(tolerance, request.Mode(mode), MOST_FACES, world)
     positions = base.positions @ np.linalg.inv(world).T
     found = adaptive.subdivide_adaptively(base, wish, positions)
     assert np.all(found.bounds <= tolerance)
@@ -204,10 +195,10 @@ def points_of_triangles(points: FloatArray) -> FloatArray:
 
 
 def assert_within(
-    data: meshes.MeshData, relative: dict[float, str], *, slack: float, level: int = 4, world: FloatArray | None = None,
+    data: meshes.MeshData, *relative: float, slack: float, level: int = 4, world: FloatArray | None = None,
     mode: str = "ADAPTIVE", least_share: float = LEAST_SHARE,
 ) -> None:  # fmt: skip
-    """Both ways at each of these tolerances, with these transitions."""
+    """Both ways at each of these tolerances."""
     diagonal = meshes.diagonal(data)
     while data.face_sizes.sum() * 4**level <= MOST_QUADS:
         level += 1
@@ -219,8 +210,8 @@ def assert_within(
     surface = surface_of(data, faces, level)
     # Blender's trees compute in single precision as well.
     slack *= rounding(data.positions, level)
-    for tolerance, transitions in relative.items():
-        mesh = drawn(data, tolerance * diagonal, transitions, world, mode)
+    for tolerance in relative:
+        mesh = drawn(data, tolerance * diagonal, world, mode)
         assert_mesh_near_surface(mesh, faces, surface, tolerance * diagonal, slack, least_share)
         assert_surface_near_mesh(mesh, surface, tolerance * diagonal, slack)
 
@@ -234,14 +225,14 @@ SHORT = [(name, relative) for name, case in CASES.items() for relative in case.s
     ("name", "relative"), cases(EVERY, SHORT, [(name, CASES[name].short[0]) for name in EVERYWHERE])
 )
 def test_within_the_tolerance_both_ways(name: str, relative: float) -> None:
-    level, transitions = TOLERANCES[relative]
-    assert_within(meshes.single_precision(CASES[name].build()), {relative: transitions}, slack=2, level=level)
+    data = meshes.single_precision(CASES[name].build())
+    assert_within(data, relative, slack=2, level=TOLERANCES[relative])
 
 
 @pytest.mark.parametrize("name", ["valences 3 and 9", "n-gons", "not manifold", "landscape with creases"])
 def test_faces_with_one_depth_are_within_the_tolerance_both_ways(name: str) -> None:
     data = meshes.single_precision(CASES[name].build())
-    assert_within(data, {COARSE: "TRIANGLES", MIDDLE: "NGONS"}, slack=2, mode="PER_FACE")
+    assert_within(data, COARSE, MIDDLE, slack=2, mode="PER_FACE")
 
 
 # Which of the six kinds has a pole.
@@ -271,7 +262,7 @@ def strange(seed: int) -> meshes.MeshData:
 @pytest.mark.parametrize("seed", range(500))
 def test_strange_meshes_are_within_the_tolerance_both_ways(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    relative = {float(10.0 ** rng.uniform(-3.0, -1.5)): str(rng.choice(["TRIANGLES", "NGONS"]))}
+    relative = float(10.0 ** rng.uniform(-3.0, -1.5))
     mode = "PER_FACE" if rng.random() < 0.2 else "ADAPTIVE"
     # Around a pole of hundreds of faces, all of which have to be there, the deep level is not as deep.
     share = 0.0 if seed % 6 == POLE else LEAST_SHARE
@@ -291,11 +282,11 @@ WORLDS: dict[str, FloatArray] = {
 @pytest.mark.every_blender
 @pytest.mark.parametrize(
     ("name", "world"),
-    combinations(["n-gons", "n-gons with creases", "triangles", "valence 7", "concave faces", "flat hexagons"], WORLDS),
+    combinations(["flat hexagons", "hexagons with a bump", "n-gons", "valence 7", "concave faces"], WORLDS),
 )
 def test_polygons_of_uneven_objects_are_within_the_tolerance(name: str, world: str) -> None:
     # The nearest points of a mesh that is stored in another space.
-    assert_within(CASES[name].build(), {COARSE: "NGONS", MIDDLE: "NGONS"}, slack=4, world=WORLDS[world])
+    assert_within(CASES[name].build(), COARSE, MIDDLE, slack=4, world=WORLDS[world])
 
 
 def assert_mesh_near_surface(

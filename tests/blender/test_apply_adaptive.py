@@ -88,14 +88,13 @@ def test_attributes_and_the_record_tell_what_was_made() -> None:
     assert stale_line(result) == ""
 
 
-def test_each_mode_and_transition_makes_another_mesh() -> None:
+def test_each_mode_makes_another_mesh_of_quads_and_triangles() -> None:
     holder, sizes = scene.add_object(meshes.fan(7, 3)), {}
-    for mode, transitions in product(("ADAPTIVE", "PER_FACE"), ("TRIANGLES", "NGONS")):
-        [result] = subdivide(holder, mode=mode, transitions=transitions, tolerance=0.02)
-        sizes[mode, transitions] = faces(result)
-        assert (max(polygon.loop_total for polygon in result.data.polygons) > 4) == (transitions == "NGONS")
-    assert sizes["ADAPTIVE", "TRIANGLES"] < sizes["PER_FACE", "TRIANGLES"]
-    assert len(set(sizes.values())) == 4
+    for mode in ("ADAPTIVE", "PER_FACE"):
+        [result] = subdivide(holder, mode=mode, tolerance=0.02)
+        sizes[mode] = faces(result)
+        assert {polygon.loop_total for polygon in result.data.polygons} == {3, 4}
+    assert sizes["ADAPTIVE"] < sizes["PER_FACE"]
 
 
 @pytest.mark.parametrize("scale", [(1.0, 4.0, 0.3), (-2.0, 1.0, 1.0)])
@@ -281,9 +280,7 @@ def test_custom_normals_that_are_left_out_are_told(capfd: pytest.CaptureFixture[
 
 placing = addon.module("operators.place_results")
 
-SETTINGS = addon.module("tasks.adaptive_task").AdaptiveSettings(
-    TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 5_000_000
-)
+SETTINGS = addon.module("tasks.adaptive_task").AdaptiveSettings(TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", 5_000_000)
 
 
 def reading(objects: list[bpy.types.Object]) -> Generator[object, None, object]:
@@ -424,10 +421,8 @@ def folded_unless_flattened(data: meshes.MeshData, name: str = "Mesh") -> bpy.ty
     return holder
 
 
-@pytest.mark.parametrize(
-    ("mode", "transitions"), [("ADAPTIVE", "TRIANGLES"), ("ADAPTIVE", "NGONS"), ("PER_FACE", "NGONS")]
-)
-def test_faces_of_uneven_objects_are_counted_as_they_are_made_and_drawn_as_proved(mode: str, transitions: str) -> None:
+@pytest.mark.parametrize("mode", ["ADAPTIVE", "PER_FACE"])
+def test_faces_of_uneven_objects_are_counted_as_they_are_made_and_drawn_as_proved(mode: str) -> None:
     landscape = folded_unless_flattened(meshes.landscape(4, 3), "Landscape")
     fan = folded_unless_flattened(meshes.fan(5, 2), "Fan")
     sheared = scene.add_object(meshes.bumpy(meshes.cylinder(5), 0.2), "Sheared")
@@ -436,7 +431,7 @@ def test_faces_of_uneven_objects_are_counted_as_they_are_made_and_drawn_as_prove
     sheared.rotation_euler = (0.5, 0.6, 0.7)
     modified = scene.add_object(meshes.landscape(2, 2), "Modified")
     modified.modifiers.new("Mirror", "MIRROR")
-    subdivided_as_counted([landscape, fan, sheared, modified], tolerance=0.1, mode=mode, transitions=transitions)
+    subdivided_as_counted([landscape, fan, sheared, modified], tolerance=0.1, mode=mode)
 
 
 def subdivided_as_counted(holders: list[bpy.types.Object], **settings: object) -> list[bpy.types.Object]:
@@ -463,5 +458,5 @@ def subdivided_as_counted(holders: list[bpy.types.Object], **settings: object) -
 def test_objects_scaled_to_nothing_are_drawn_as_they_are_proved(scale: tuple[float, float, float]) -> None:
     holder = scene.add_object(meshes.landscape(6, 5))
     holder.scale = scale
-    [result] = subdivided_as_counted([holder], tolerance=TOLERANCE, transitions="NGONS")
+    [result] = subdivided_as_counted([holder], tolerance=TOLERANCE)
     assert addon.bounds(result).max() <= TOLERANCE

@@ -217,7 +217,7 @@ def test_it_subdivides(
     """The picture shows the distances."""
     runs.few_samples(monkeypatch)
     path = tmp_path / "picture.png"
-    line = ["--subdivide", "--tolerance", "0.01", "--absolute", "--mode", "per-face", "--transitions", "ngons"]
+    line = ["--subdivide", "--tolerance", "0.01", "--absolute", "--mode", "per-face"]
     files = ["--picture", path, "--output", tmp_path / "out.blend"]
     told = printed(capfd, cube_file, *line, *(["--in-place"] if in_place else []), *files)
     assert f"Written: {path}" in told
@@ -227,7 +227,7 @@ def test_it_subdivides(
     assert bpy.data.objects[name].visible_get()
     assert len([holder for holder in bpy.data.objects if holder.visible_get()]) == 1
     assert f"{name}\n  Faces: {len(written):,}\n  Control Faces: 6\n" in told
-    [result] = subdivide(mesh_objects(cube_file)["Cube"], tolerance=0.01, mode="PER_FACE", transitions="NGONS")
+    [result] = subdivide(mesh_objects(cube_file)["Cube"], tolerance=0.01, mode="PER_FACE")
     assert written == addon.depths(result).tolist()
 
 

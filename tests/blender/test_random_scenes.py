@@ -304,7 +304,6 @@ def _depths(mesh: bpy.types.Mesh) -> list[int]:
 def _subdivision(rng: Random) -> dict[str, Any]:
     settings = _tolerance(rng)
     settings["mode"] = one(rng, ("ADAPTIVE", "PER_FACE"))
-    settings["transitions"] = one(rng, ("TRIANGLES", "NGONS"))
     settings["max_faces"] = int(one(rng, (1, 20, 300, 1000, 1000)))
     return settings
 

@@ -247,7 +247,6 @@ SETTINGS: tuple[tuple[str, object, str], ...] = (
     ("use_modifiers", False, ALL),
     ("accuracy", 0.2, "own other"),
     ("mode", "PER_FACE", "result"),
-    ("transitions", "NGONS", "result"),
     ("exact_normals", True, "result"),
     ("reduce", True, "result"),
     ("max_faces", 1234, ""),

@@ -228,7 +228,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "pole": lambda: meshes.fan(12, 2),
     "Suzanne": scene.suzanne,
 }
-PER_FACE = {"mode": "PER_FACE", "transitions": "NGONS"}
+PER_FACE = {"mode": "PER_FACE"}
 
 # The tolerance mode, the tolerance before, how faces are divided, and for how many faces. The large ones are too large
 # to be tried from the start; a pole may be as deep as its whole face; Suzanne herself has 500 faces.

@@ -38,7 +38,7 @@ def move_to_another_scene(holder: bpy.types.Object) -> None:
     "settings",
     [
         {"tolerance": 0.003, "mode": "PER_FACE"},
-        {"relative_tolerance": 0.002, "tolerance_mode": "RELATIVE", "transitions": "NGONS", "exact_normals": True},
+        {"relative_tolerance": 0.002, "tolerance_mode": "RELATIVE", "exact_normals": True},
         {"reduce": True, "tolerance": 0.05},
     ],
 )

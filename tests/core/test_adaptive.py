@@ -9,7 +9,6 @@ import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from itertools import cycle, product
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from ccdepth_addon.core.adaptive.plan import TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, plan_within, subdivide_adaptively
 from ccdepth_addon.core.adaptive.rectangle_tree import NONE, RectangleTree
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
-from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.adaptive.tessellation import plan_tessellation
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import measure_deviation
@@ -30,7 +28,7 @@ from ccdepth_addon.core.surface.limit_normals import limit_normals
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, soundness
 from tests.meshes import bent
-from tests.thorough import cases, combinations, each
+from tests.thorough import combinations, each
 
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     # With random creases they take long.
@@ -39,6 +37,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "landscape": lambda: meshes.landscape(4, 3),
     "torus": lambda: meshes.torus(7, 5),
     "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
+    "hexagons with a bump": meshes.hexagons_with_a_bump,
     "triangles": lambda: meshes.sphere(5, 2),
     "triangles of any valences": lambda: cut(meshes.torus(5, 4), np.random.default_rng(1).integers(0, 2, 20)),
     "tetrahedron": meshes.tetrahedron,
@@ -83,22 +82,21 @@ def request_of(
     mesh: PolygonMesh,
     tolerance: float,
     mode: Mode = Mode.ADAPTIVE,
-    transitions: Transitions = Transitions.TRIANGLES,
     most_faces: int = MOST_FACES,
 ) -> AdaptiveRequest:
     """tolerance: in parts of the diagonal."""
-    return AdaptiveRequest(tolerance * meshes.diagonal(mesh), mode, transitions, most_faces)
+    return AdaptiveRequest(tolerance * meshes.diagonal(mesh), mode, most_faces)
 
 
 def subdivided(mesh: PolygonMesh, request: AdaptiveRequest) -> AdaptiveMesh:
     return subdivide_adaptively(mesh, request, mesh.positions)
 
 
-@pytest.mark.parametrize(("name", "transitions"), combinations(MESHES, Transitions))
-def test_sound(name: str, transitions: Transitions) -> None:
+@pytest.mark.parametrize("name", MESHES)
+def test_sound(name: str) -> None:
     mesh = build(name)
     for mode, tolerance in REQUESTS[2 if name in SLOW else 0 :]:
-        request = request_of(mesh, tolerance, mode, transitions)
+        request = request_of(mesh, tolerance, mode)
         found = subdivided(mesh, request)
         soundness.assert_sound(mesh, found.mesh)
         if name not in COINCIDENT:
@@ -185,10 +183,9 @@ def test_bounds_are_those_of_leaves_as_they_are_in_the_end(name: str) -> None:
     np.testing.assert_allclose(plan.bounds(leaves), before, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["corner creased cube", "n-gons", "triangles and quads"])
-def test_bounds_count_how_thick_polygons_are(name: str) -> None:
-    mesh = build(name)
-    plan, _ = plan_within(mesh, request_of(mesh, 2e-3, transitions=Transitions.NGONS), lambda _: None)
+def test_bounds_count_how_thick_polygons_are() -> None:
+    mesh = build("hexagons with a bump")
+    plan, _ = plan_within(mesh, request_of(mesh, 0.01), lambda _: None)
     leaves = plan.tree.leaves()
     thickness, along = plan.approximation(leaves).thickness, plan.along_surface.values[leaves]
     assert np.any((thickness > 0) & np.isfinite(along))
@@ -228,19 +225,19 @@ def needles(each_side: int) -> meshes.MeshData:
 
 
 # Flat control meshes, whatever way their lines run, are split at their borders alone; nearly flat ones, and those that
-# bend one way, take few faces: so many at a thousandth of the diagonal, with triangles and with larger polygons.
-FLAT: dict[str, tuple[Callable[[], meshes.MeshData], int, int]] = {
-    "quads": (lambda: sheet(8, as_triangles=False, noise=0.2), 179, 109),
-    "uneven": (lambda: bent(meshes.grid(8, 8), lambda x, y, z: (x**2, y**2, z)), 124, 89),
-    "triangles": (lambda: sheet(8, as_triangles=True, noise=0.2), 430, 286),
-    "turned": (lambda: turned(sheet(7, as_triangles=True, noise=0.2)), 406, 259),
-    "turned over": (lambda: sheet(5, as_triangles=True, noise=0.45, seed=3), 637, 357),
-    "thin": (lambda: bent(sheet(6, as_triangles=True, noise=0.2), lambda x, y, z: (x, 0.02 * y, z)), 633, 438),
-    "needles": (lambda: needles(8), 152, 88),
-    "hexagons": (lambda: turned(meshes.hexagons(7, 14, 0.1)), 538, 406),
-    "dented hexagons": (lambda: turned(meshes.hexagons(4, 6, 0.3)), 278, 215),
-    "bent plate": (meshes.bent_plate, 194, 165),
-    "nearly flat pole": (lambda: bent(meshes.fan(16, 1), lambda x, y, _: [x, y, -0.05 * (x * x + y * y)]), 436, 269),
+# bend one way, take few faces: so many at a thousandth of the diagonal.
+FLAT: dict[str, tuple[Callable[[], meshes.MeshData], int]] = {
+    "quads": (lambda: sheet(8, as_triangles=False, noise=0.2), 179),
+    "uneven": (lambda: bent(meshes.grid(8, 8), lambda x, y, z: (x**2, y**2, z)), 124),
+    "triangles": (lambda: sheet(8, as_triangles=True, noise=0.2), 430),
+    "turned": (lambda: turned(sheet(7, as_triangles=True, noise=0.2)), 406),
+    "turned over": (lambda: sheet(5, as_triangles=True, noise=0.45, seed=3), 637),
+    "thin": (lambda: bent(sheet(6, as_triangles=True, noise=0.2), lambda x, y, z: (x, 0.02 * y, z)), 633),
+    "needles": (lambda: needles(8), 152),
+    "hexagons": (lambda: turned(meshes.hexagons(7, 14, 0.1)), 538),
+    "dented hexagons": (lambda: turned(meshes.hexagons(4, 6, 0.3)), 278),
+    "bent plate": (meshes.bent_plate, 194),
+    "nearly flat pole": (lambda: bent(meshes.fan(16, 1), lambda x, y, _: [x, y, -0.05 * (x * x + y * y)]), 436),
     # Nothing of what is missed there is across the plane of a leaf, and chords of lines that wind miss nothing at their
     # middles: how to split says nothing then of parameters that lie elsewhere.
     "folded in the plane": (
@@ -248,15 +245,13 @@ FLAT: dict[str, tuple[Callable[[], meshes.MeshData], int, int]] = {
             meshes.grid(4, 4), lambda x, y, _: [x + 0.9 * np.sin(3 * y), np.abs(y - 1.7) + 0.2 * np.cos(4 * x), 0 * x]
         ),
         338,
-        209,
     ),
-    "winding within the plane": (lambda: bent(meshes.grid(1, 3), lambda x, y, _: [x + winding(y), y, 0 * x]), 100, 56),
-    "winding out of the plane": (lambda: bent(meshes.grid(3, 1), lambda x, y, _: [x, y, winding(x)]), 100, 82),
+    "winding within the plane": (lambda: bent(meshes.grid(1, 3), lambda x, y, _: [x + winding(y), y, 0 * x]), 100),
+    "winding out of the plane": (lambda: bent(meshes.grid(3, 1), lambda x, y, _: [x, y, winding(x)]), 100),
     # Half of a circle: half of the triangles that whole leaves would take, but for its ends.
     "tube": (
         lambda: bent(meshes.grid(6, 4), lambda x, y, _: [np.cos(np.pi / 6 * x), np.sin(np.pi / 6 * x), 0.75 * y]),
         188,
-        152,
     ),
 }
 
@@ -268,14 +263,12 @@ def winding(along: FloatArray) -> FloatArray:
 SHORT_FLAT = ["uneven", "needles", "hexagons", "bent plate", *[*FLAT][-4:]]
 
 
-@pytest.mark.parametrize(
-    ("name", "transitions"), cases(product(FLAT, Transitions), zip(SHORT_FLAT, cycle(Transitions), strict=False))
-)
-def test_flat_meshes_and_those_bent_one_way_take_few_faces(name: str, transitions: Transitions) -> None:
-    make, *enough = FLAT[name]
+@pytest.mark.parametrize("name", each(FLAT, SHORT_FLAT))
+def test_flat_meshes_and_those_bent_one_way_take_few_faces(name: str) -> None:
+    make, enough = FLAT[name]
     mesh = meshes.build(make())
-    found = subdivided(mesh, request_of(mesh, 1e-3, transitions=transitions, most_faces=2_000))
-    assert len(found.bounds) <= enough[transitions is Transitions.NGONS]
+    found = subdivided(mesh, request_of(mesh, 1e-3, most_faces=2_000))
+    assert len(found.bounds) <= enough
     assert_as_near_as_proved(mesh, found, 1e-3 * meshes.diagonal(mesh))
 
 
@@ -335,7 +328,7 @@ def test_vertices_without_faces_stay_where_they_are(place: float, stretch: float
     positions[loose[-1]] = place
     mesh = apply_boundary_rule(mesh.changed(positions=positions), smooth_corners=True)
     wanted = positions * [stretch, 1.0, 1.0]
-    request = AdaptiveRequest(0.05, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    request = AdaptiveRequest(0.05, Mode.ADAPTIVE, MOST_FACES)
     made = subdivide_adaptively(mesh, request, wanted).mesh
     of_loose = np.flatnonzero(np.isin(made.base_vertices, loose))
     assert len(of_loose) == len(loose) > 0
@@ -387,7 +380,7 @@ def test_refused_with_about_the_number_of_faces_and_the_tolerance_that_fits(name
     assert count / 2 <= refused.value.faces <= 2 * count
     assert refused.value.tolerance > request.limit
     # A level more or less is a factor of four in the tolerance.
-    fitting = AdaptiveRequest(4 * refused.value.tolerance, request.mode, request.transitions, count // 5)
+    fitting = AdaptiveRequest(4 * refused.value.tolerance, request.mode, count // 5)
     assert count_faces(mesh, fitting) <= count // 5
 
 
@@ -433,7 +426,7 @@ def test_diagonals_are_edges_of_nothing_else(
     approximation = LeafApproximation.none(mesh.face_count)
     approximation.folded[:] = True
     approximation.alternatives[:] = alternatives
-    plan = plan_tessellation(tree, tree.leaves(), approximation, Transitions.TRIANGLES)
+    plan = plan_tessellation(tree, tree.leaves(), approximation)
     assert plan.clashes.tolist() == clashing
     assert loose or len(plan.drawn) == 4
     # Edges without faces are kept, and known.

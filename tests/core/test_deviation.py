@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
 from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
-from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
 from ccdepth_addon.core.deviation.bezier_pieces import bezier_pieces
@@ -247,7 +246,7 @@ def test_adaptive_results_of_thin_triangles_are_decided(seed: int) -> None:
     heights = 0.05 * np.sin(6 * points[:, 0]) * np.cos(5 * points[:, 1])
     triangles = Delaunay(points).simplices.tolist()
     control = meshes.build(meshes.from_faces(np.column_stack([points, heights]), triangles))
-    request = AdaptiveRequest(TOLERANCE, Mode.ADAPTIVE, Transitions.TRIANGLES, 100_000)
+    request = AdaptiveRequest(TOLERANCE, Mode.ADAPTIVE, 100_000)
     made = subdivide_adaptively(control, request, control.positions).mesh
     corners = soundness.drawn(made)
     found = measure_deviation(control, made.positions, corners, limit=TOLERANCE)

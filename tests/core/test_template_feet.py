@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ccdepth_addon.core.adaptive.leaf_bounds import bounds_both_ways
 from ccdepth_addon.core.adaptive.plan import Plan
 from ccdepth_addon.core.adaptive.planner import plan_within
-from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode, Transitions
+from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.template_feet import template_feet
 from ccdepth_addon.core.adaptive.templates import QUAD_POINTS, TRIANGLE_COUNTS, TRIANGLES
 from ccdepth_addon.core.adaptive.tessellation import TessellationPlan, tessellate
@@ -36,7 +36,7 @@ BASIS = np.kron(CUBICS, CUBICS)
 def planned(mesh: PolygonMesh, part: float) -> tuple[Plan, TessellationPlan]:
     """For a part of the mesh's diagonal."""
     limit = part * meshes.diagonal(mesh)
-    return plan_within(mesh, AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, 100_000), lambda _: None)
+    return plan_within(mesh, AdaptiveRequest(limit, Mode.ADAPTIVE, 100_000), lambda _: None)
 
 
 def assert_both_ways(mesh: PolygonMesh, plan: Plan, tessellation: TessellationPlan) -> float:

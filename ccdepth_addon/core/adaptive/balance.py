@@ -9,7 +9,6 @@ from ..arrays.ranges import any_of_ranges
 from ..arrays.types import BoolArray, IndexArray
 from .plan import Plan
 from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS
-from .templates import Transitions
 
 
 def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
@@ -21,10 +20,8 @@ def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
     quads, others = leaves[is_quad], leaves[~is_quad]
     slots = tree.quad_slots(quads)
     are_split, are_deeper = tree.hanging(slots), tree.hanging_twice(slots)
-    are_cheaper = are_split & (plan.request.transitions is Transitions.TRIANGLES)
     along_u, along_v = (
-        are_deeper[:, sides].any(axis=1) | are_cheaper[:, sides].all(axis=1) | are_split.all(axis=1)
-        for sides in ([0, 2], [1, 3])
+        are_deeper[:, sides].any(axis=1) | are_split[:, sides].all(axis=1) for sides in ([0, 2], [1, 3])
     )
     ways = np.select([along_u & along_v, along_u, along_v], [QUARTERS, ALONG_U, ALONG_V])
     wanted = along_u | along_v
@@ -44,10 +41,8 @@ def cheaper_split(plan: Plan) -> tuple[IndexArray, IndexArray]:
     A quad with one split side makes three triangles; with the opposite side split as well, two quads. The splits pay
     off when the chain of quads ends at a border, or at the split side of a second or third leaf.
     """
-    tree, request = plan.tree, plan.request
-    quads = tree.leaves()
-    if request.transitions is not Transitions.TRIANGLES or not request.may_halve:
-        quads = quads[:0]
+    tree = plan.tree
+    quads = tree.leaves() if plan.request.may_halve else np.zeros(0, dtype=np.intp)
     quads = quads[plan.surfaces.are_bicubic(quads)]
     edges = tree.slot_edges[tree.quad_slots(quads)]
     are_split, are_border = tree.edge_children[edges] != NONE, plan.are_border(edges)

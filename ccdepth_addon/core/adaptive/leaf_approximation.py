@@ -17,10 +17,10 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, selected_vectors, units
 from ..mesh.folded_quads import is_folded
 from ..surface.refinement import Refinement
-from .polygon_bounds import fan_normals, polygon_thickness, thickness_of_quads
+from .polygon_bounds import fan_normals, polygon_thickness
 from .rectangle_tree import ALONG_U, ALONG_V, QUARTERS
 from .request import AdaptiveRequest
-from .templates import ALL_SPLIT, COUNTS, WHOLE, Template, Transitions, template_groups, template_numbers
+from .templates import ALL_SPLIT, COUNTS, WHOLE, Template
 
 # The points of a quad (``templates.QUAD_POINTS``, then the centre) that are compared with the middle of two others: the
 # middles of sides, and the centre for both diagonals.
@@ -29,22 +29,18 @@ CHORDS = [(4, 0, 1), (5, 1, 2), (6, 2, 3), (7, 3, 0), (8, 0, 2), (8, 1, 3), (8, 
 # The points whose heights count along u, and along v.
 CHORDS_ALONG = [[0, 2, 6], [1, 3, 7]]
 
-# The alternative of control triangles drawn as polygons, with the middles of their split sides.
-AS_POLYGON = 1
-
 PATTERN_BITS = np.array([1, 2, 4, 8])
-WAYS = [ALONG_U, ALONG_V]
 
 
 @dataclass(frozen=True)
 class LeafApproximation:
     """The triangles or polygons of P leaves, with estimates of their distances from the surface: (P,) each.
 
-    accepted: bool, whether the estimate is within the limit. patterns, alternatives: int8, for quads the template
-    (``templates``), for other faces the split sides (0 for more than three sides) and ``AS_POLYGON``. folded: bool,
-    whether the triangles of a whole quad face apart, here or where Blender triangulates the quad, so that two triangles
-    are drawn. thickness: float64, a bound of the distance between a drawn polygon and the triangles that replace it in
-    proofs; 0 without a polygon. along_u, along_v: float64, the estimates along u and v of a quad, or of the whole face.
+    accepted: bool, whether the estimate is within the limit. patterns, alternatives: int8, the template (``templates``)
+    of a quad, or of a triangle, without alternatives; 0 for polygons of more sides. folded: bool, whether the triangles
+    of a whole quad face apart, here or where Blender triangulates the quad, so that two triangles are drawn. thickness:
+    float64, a bound of the distance between a polygon of more sides and the triangles that replace it in proofs; 0 for
+    quads and triangles. along_u, along_v: float64, the estimates along u and v of a quad, or of the whole face.
     ways: int8, how to split the leaf (``RectangleTree.split``).
     """
 
@@ -89,11 +85,8 @@ def approximate_quads(
     sampled, heights = (_of_templates(each, is_split, found.patterns) for each in (distances, missed))
     by_distance = sampled.min(axis=0) <= request.limit
     found.alternatives[:] = np.where(by_distance, sampled.argmin(axis=0), heights.argmin(axis=0))
-    if request.transitions is Transitions.NGONS:
-        found.thickness[:] = _thickness(points, found, request)
     least = heights.min(axis=0)
-    within = (least <= request.limit) & (found.thickness <= request.limit)
-    found.accepted[:] = within & (found.patterns != ALL_SPLIT)
+    found.accepted[:] = (least <= request.limit) & (found.patterns != ALL_SPLIT)
     found.folded[:] = _are_folded(points, found, request.axes)
     for each, rows in zip((found.along_u, found.along_v), CHORDS_ALONG, strict=True):
         each[:] = missed[rows].max(axis=0)
@@ -103,11 +96,6 @@ def approximate_quads(
     is_longer = np.where(is_twisted, sides[0] >= sides[1], found.along_u >= found.along_v)
     is_halved = are_bicubic & (found.patterns != ALL_SPLIT)
     found.ways[:] = np.where(is_halved, np.where(is_longer, ALONG_U, ALONG_V), QUARTERS)
-    # A polygon is too thick for its split sides alone.
-    is_thick = is_halved & (found.thickness > request.limit)
-    found.ways[is_thick] = np.select([~is_split[[1, 3]].any(axis=0), ~is_split[[0, 2]].any(axis=0)], WAYS, QUARTERS)[
-        is_thick
-    ]
     return found
 
 
@@ -132,17 +120,6 @@ def _of_templates(missed: FloatArray, is_split: BoolArray, patterns: NDArray[np.
     whole = np.flatnonzero(patterns == WHOLE)
     found[:2, whole] = np.maximum(sides[whole], missed[4:6, whole])
     return found
-
-
-def _thickness(points: FloatArray, found: LeafApproximation, request: AdaptiveRequest) -> FloatArray:
-    """(P,): bounds of the distance between quads with split sides, as polygons, and the triangles of their
-    templates."""
-    thickness = np.zeros(points.shape[1])
-    for pattern, alternative, own in template_groups(template_numbers(found.patterns, found.alternatives)):
-        if pattern not in (WHOLE, ALL_SPLIT):
-            some = selected_vectors(points, own)
-            thickness[own] = thickness_of_quads(some, pattern, alternative, request.axes, request.largest_coordinate)
-    return thickness
 
 
 def _are_folded(points: FloatArray, found: LeafApproximation, axes: FloatArray) -> BoolArray:
@@ -171,7 +148,6 @@ def approximate_polygons(refinement: Refinement, is_split: BoolArray, request: A
     facets[3] = facets[1][mesh.previous_corner[: len(corners)]]
     is_any_split = np.logical_or.reduceat(is_split, starts)
     is_triangle = sizes == 3
-    found.alternatives[is_triangle & is_any_split & (request.transitions is Transitions.NGONS)] = AS_POLYGON
     of_triangles = is_split[(starts[is_triangle, None] + np.arange(3))]
     found.patterns[is_triangle] = of_triangles @ PATTERN_BITS[:3]
     normals = np.repeat(fan_normals(facets, starts), sizes, axis=0)
@@ -183,12 +159,12 @@ def approximate_polygons(refinement: Refinement, is_split: BoolArray, request: A
     found.along_u[:] = np.maximum.reduceat(np.maximum(missed, np.abs(at_centres)), starts)
     found.along_v[:] = found.along_u
     least = np.maximum.reduceat(np.where(is_split, np.abs(at_centres), np.maximum(missed, np.abs(at_centres))), starts)
-    drawn = np.flatnonzero(~is_triangle | (found.alternatives == AS_POLYGON))
-    if len(drawn):
-        kept = np.flatnonzero(np.repeat(~is_triangle | (found.alternatives == AS_POLYGON), sizes))
-        of_drawn = np.cumsum(sizes[drawn]) - sizes[drawn]
-        found.thickness[drawn] = polygon_thickness(
-            facets[:, kept], is_split[kept], of_drawn, request.axes, largest=request.largest_coordinate
+    polygons = np.flatnonzero(~is_triangle)
+    if len(polygons):
+        kept = np.flatnonzero(np.repeat(~is_triangle, sizes))
+        of_polygons = np.cumsum(sizes[polygons]) - sizes[polygons]
+        found.thickness[polygons] = polygon_thickness(
+            facets[:, kept], is_split[kept], of_polygons, request.axes, largest=request.largest_coordinate
         )
     found.accepted[:] = (least <= limit) & (found.thickness <= limit) & ~np.logical_and.reduceat(is_split, starts)
     return found

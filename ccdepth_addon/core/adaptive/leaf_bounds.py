@@ -22,7 +22,7 @@ from ..distance.piece_hulls import Pieces
 from ..distance.pieces import Form, include_at_equal, include_pieces
 from ..distance.shells import Shell
 from ..surface.squares import Squares
-from .leaf_approximation import AS_POLYGON, LeafApproximation
+from .leaf_approximation import LeafApproximation
 from .leaf_triangles import LeafTriangles
 from .plan import Plan
 from .rings import largest_around, with_rings
@@ -220,7 +220,7 @@ def _over_quarters(
     cut from corner to centroid. is_split: (C,) bool, the split sides, face by face."""
     quarters, starts = tiles.squares.bases, np.cumsum(sizes) - sizes
     faces = np.repeat(np.arange(len(sizes)), sizes)
-    are_polygons = ((sizes > 3) | (drawn.alternatives == AS_POLYGON))[faces[quarters]]
+    are_polygons = (sizes > 3)[faces[quarters]]
     own = np.flatnonzero(~are_polygons)
     if len(own):
         some = faces[quarters[own]]

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays.types import FloatArray, IndexArray
 from ..distance.shells import Triangles
 from ..mesh.submesh import compact
-from .leaf_approximation import AS_POLYGON, LeafApproximation
+from .leaf_approximation import LeafApproximation
 from .plan import Plan
 from .rectangle_tree import NONE
 from .templates import (
@@ -43,7 +43,6 @@ class LeafTriangles:
         """The triangles of leaves (L,) with an approximation."""
         tree, sizes = plan.tree, plan.tree.slot_counts(leaves)
         is_quad = tree.is_quad(leaves)
-        is_polygon = ~is_quad & ((sizes > 3) | (approximation.alternatives == AS_POLYGON))
         found, owners, numbers = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [np.zeros(0, int)]
 
         def put(chosen: IndexArray, vertices: IndexArray, number: int) -> None:
@@ -51,7 +50,7 @@ class LeafTriangles:
             owners.append(chosen)
             numbers.append(np.full(len(chosen), number))
 
-        for size, some in ((4, is_quad), (3, ~is_quad & ~is_polygon)):
+        for size, some in ((4, is_quad), (3, sizes == 3)):
             chosen = np.flatnonzero(some)
             slots = tree.slots(leaves[chosen]).reshape(-1, size)
             of_leaves = approximation.patterns[chosen].astype(np.intp)
@@ -63,7 +62,7 @@ class LeafTriangles:
             for number in range(table.shape[1]):
                 drawn = np.flatnonzero(number < counts[of_leaves])
                 put(chosen[drawn], np.take_along_axis(points[drawn], table[of_leaves[drawn], number], axis=1), number)
-        polygons, count = np.flatnonzero(is_polygon), len(tree.vertex_edges)
+        polygons, count = np.flatnonzero(sizes > 4), len(tree.vertex_edges)
         for size in np.unique(sizes[polygons]).tolist():
             chosen = polygons[sizes[polygons] == size]
             slots = tree.slots(leaves[chosen]).reshape(-1, size)

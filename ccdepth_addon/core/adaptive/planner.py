@@ -77,7 +77,7 @@ def plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress)
         while len((wanted := _unfinished(plan))[0]):
             _split(plan, *wanted)
         leaves = plan.leaves()
-        tessellation = plan_tessellation(plan.tree, leaves, plan.approximation(leaves), request.transitions)
+        tessellation = plan_tessellation(plan.tree, leaves, plan.approximation(leaves))
         if not len(clashes := tessellation.clashes):
             return plan, tessellation
         _split(plan, clashes, np.full(len(clashes), QUARTERS))

@@ -9,7 +9,6 @@ from enum import StrEnum
 import numpy as np
 
 from ..arrays.types import FloatArray
-from .templates import Transitions
 
 
 class Mode(StrEnum):
@@ -32,7 +31,6 @@ class AdaptiveRequest:
 
     limit: float
     mode: Mode
-    transitions: Transitions
     most_faces: int
     axes: FloatArray = field(default_factory=lambda: np.eye(3))
     largest_coordinate: float = 0.0

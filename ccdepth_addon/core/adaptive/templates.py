@@ -8,7 +8,6 @@ side s is split. The four triangles or fewer of a template have no angle below 2
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,6 @@ from ..arrays.types import FloatArray, IndexArray
 
 Triangle = tuple[int, int, int]
 Template = tuple[Triangle, ...]
-
-
-class Transitions(StrEnum):
-    """The tessellation of a face beside finer ones: by the triangles of its template, or as one polygon."""
-
-    TRIANGLES = "TRIANGLES"
-    NGONS = "NGONS"
 
 
 # The points of a quad in its parameters.

@@ -21,7 +21,6 @@ from .subdivided_mesh import SubdividedMesh
 from .templates import (
     WHOLE,
     Template,
-    Transitions,
     template_groups,
     template_numbers,
     templates,
@@ -106,14 +105,9 @@ class TessellationPlan:
         return self.leaves[np.unique(self.drawn[clashing])]
 
 
-def plan_tessellation(
-    tree: RectangleTree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
-) -> TessellationPlan:
+def plan_tessellation(tree: RectangleTree, leaves: IndexArray, approximation: LeafApproximation) -> TessellationPlan:
     """The tessellation of leaves (L,) of a tree, by their approximation. Loose control vertices and edges are kept."""
-    polygons = [
-        *_polygons_of_quads(tree, leaves, approximation, transitions),
-        *_polygons_of_faces(tree, leaves, transitions),
-    ]
+    polygons = [*_polygons_of_quads(tree, leaves, approximation), *_polygons_of_faces(tree, leaves)]
     starts, drawn, firsts = _order(polygons, len(leaves))
     corner_vertices = _at_corners(starts[-1], firsts, (block.vertices(tree, leaves) for block in polygons))
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
@@ -149,28 +143,23 @@ def _base_vertices(tree: RectangleTree, used: IndexArray) -> ShortIndexArray:
     return found
 
 
-def _polygons_of_quads(
-    tree: RectangleTree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
-) -> Iterator[Polygons]:
+def _polygons_of_quads(tree: RectangleTree, leaves: IndexArray, approximation: LeafApproximation) -> Iterator[Polygons]:
     quads = np.flatnonzero(tree.is_quad(leaves))
     for pattern, alternative, alike in template_groups(
         template_numbers(approximation.patterns[quads], approximation.alternatives[quads])
     ):
         template = templates(pattern)[alternative]
         for chosen in index_chunks(quads[alike], AT_ONCE):
-            yield from _polygons_of_template(chosen, template, pattern, approximation.folded[chosen], transitions)
+            yield from _polygons_of_template(chosen, template, pattern, approximation.folded[chosen])
 
 
 def _polygons_of_template(
-    leaves: IndexArray, template: Template, pattern: int, folded: BoolArray, transitions: Transitions
+    leaves: IndexArray, template: Template, pattern: int, folded: BoolArray
 ) -> Iterator[Polygons]:
     if pattern == WHOLE:
         # Blender triangulates a quad along its first diagonal.
         yield _polygons(leaves[~folded], [*template[0], template[1][2]])
         leaves = leaves[folded]
-    elif transitions is Transitions.NGONS:
-        yield _polygons(leaves, _around([bool(pattern >> side & 1) for side in range(4)]))
-        return
     for triangle in template:
         yield _polygons(leaves, triangle)
 
@@ -180,13 +169,7 @@ def _polygons(leaves: IndexArray, points: Sequence[int], size: int = 4) -> Polyg
     return Polygons(leaves, [(point % size, point >= size) for point in points], size)
 
 
-def _around(split_sides: list[bool]) -> list[int]:
-    """The corners 0 to k - 1 of a polygon, each followed by the middle k + corner of its side if the side is split."""
-    size = len(split_sides)
-    return [point for side in range(size) for point in (side, size + side) if point < size or split_sides[side]]
-
-
-def _polygons_of_faces(tree: RectangleTree, leaves: IndexArray, transitions: Transitions) -> Iterator[Polygons]:
+def _polygons_of_faces(tree: RectangleTree, leaves: IndexArray) -> Iterator[Polygons]:
     """The polygons of control faces other than quads, with a vertex at the middle of every split side."""
     others = np.flatnonzero(~tree.is_quad(leaves))
     sizes = tree.slot_counts(leaves[others])
@@ -197,18 +180,17 @@ def _polygons_of_faces(tree: RectangleTree, leaves: IndexArray, transitions: Tra
         )
         for number, sides in enumerate(found.tolist()):
             chosen = of_size[group.reshape(-1) == number]
-            for points in _points_of_face(sides, transitions):
+            for points in _points_of_face(sides):
                 yield _polygons(chosen, points, size=size)
 
 
-def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[Sequence[int]]:
-    """The polygons that tessellate a face, by its split sides."""
-    if len(split_sides) == 3 and any(split_sides) and transitions is Transitions.TRIANGLES:
+def _points_of_face(split_sides: list[bool]) -> list[Sequence[int]]:
+    """The polygons that tessellate a face, by its split sides: of a triangle the triangles of its template, of any
+    other face itself. Corners are 0 to k - 1, the middle of the side after a corner is k + corner."""
+    size = len(split_sides)
+    if size == 3 and any(split_sides):
         return [*triangle_template(sum(1 << side for side in range(3) if split_sides[side]))]
-    order = _around(split_sides)
-    # A triangle with a fourth point on a side is a quad, triangulated from the fourth point.
-    first = next((place for place, point in enumerate(order) if point >= 3), 0) if len(split_sides) == 3 else 0
-    return [order[first:] + order[:first]]
+    return [[point for side in range(size) for point in (side, size + side) if point < size or split_sides[side]]]
 
 
 def _order(polygons: list[Polygons], count: int) -> tuple[IndexArray, IndexArray, list[IndexArray]]:
