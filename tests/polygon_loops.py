@@ -48,14 +48,6 @@ class Loop:
         [thickness] = polygon_thickness(self.facets, self.bent, np.array([0]), axes)
         return float(thickness), self.normal()
 
-    def dent(self, normal: FloatArray) -> float:
-        """How far the deepest vertex in the middle of a side is inside of the side, seen along the normal."""
-        ends = seen_along(np.roll(self.corners, -1, axis=0), normal)
-        starts, middles = seen_along(self.corners, normal), seen_along(self.middles, normal)
-        (x, y), (inward_x, inward_y) = (ends - starts).T, (middles - starts).T
-        depths = (x * inward_y - y * inward_x) / np.hypot(x, y)
-        return float(depths[self.bent].max(initial=0.0))
-
     def normal(self) -> FloatArray:
         """Newell's, a unit vector, or zero."""
         sum_of_crosses = np.cross(self.vertices, np.roll(self.vertices, -1, axis=0)).sum(axis=0)

@@ -117,7 +117,7 @@ def _bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
     for some in index_chunks(leaves[plan.surfaces.are_bicubic(leaves)], FEW_LEAVES_AT_ONCE):
         drawn = plan.approximation(some)
         numbers = template_numbers(drawn.patterns, drawn.alternatives)
-        bounds = bounds_at_equal(plan.surfaces.coefficients(some), numbers, plan.request.limit) + drawn.thickness
+        bounds = bounds_at_equal(plan.surfaces.coefficients(some), numbers, plan.request.limit)
         plan.at_equal.values[some] = np.where(bounds <= plan.request.limit, bounds, np.inf)
         plan.report()
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Error bounds of polygons, as Blender triangulates them (docs/adaptive.md, Polygons).
 
-A polygon with one loop of vertices is compared with the fan of bilinear quads between its vertices and its centroid, or
-with the triangles of a template. Seen along some direction, these cover a region once if the quads of the fan are
-convex there and go round the centroid once, and all triangles of the template turn left.
+A polygon with one loop of vertices is compared with the fan of bilinear quads between its vertices and its centroid.
+Seen along some direction, the fan covers a region once if its quads are convex there and go round the centroid once.
 
 - Seen along the polygon's normal, all possible triangles between the vertices cover the region as well, and lie over
   its convex hull, between the lowest and the highest vertex. So the polygon's thickness and the depth of its dents,
@@ -17,14 +16,10 @@ its columns, in the coordinates of the proofs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, squared_norms, units
-from ..mesh.folded_quads import is_folded
-from .templates import templates
 
 # Rounding of a thickness, in parts of the vertices' distance from the centroid: 16 roundings or less. This rounding
 # matters for a thickness divided by a small cosine.
@@ -45,19 +40,14 @@ MOST_UNEVEN = 1e4
 
 
 def polygon_thickness(
-    facets: FloatArray,
-    bent: BoolArray,
-    starts: IndexArray,
-    axes: FloatArray,
-    triangles: Sequence[FloatArray] = (),
-    largest: float = 0.0,
+    facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray, largest: float = 0.0
 ) -> FloatArray:
-    """(P,) float64: upper bounds of the distance between a polygon, as Blender triangulates it, and its fan or
-    template; inf where neither proof holds.
+    """(P,) float64: upper bounds of the distance between a polygon of more than four vertices, as Blender
+    triangulates it, and its fan; inf where neither proof holds.
 
     facets: (4, C, 3), the fan's quads: corner, middle of the side after it, centroid, middle of the side before. bent:
     (C,) whether the polygon has a vertex of its own at the middle after each corner; starts: (P,) its first corner.
-    triangles: (3, P, 3) each, those of a template. largest: the largest coordinate in the space of the axes.
+    largest: the largest coordinate in the space of the axes.
     """
     sizes = np.diff(starts, append=facets.shape[1])
     corners, middles, centroids, _ = facets
@@ -70,20 +60,17 @@ def polygon_thickness(
     middle_heights = np.where(bent, np.einsum("ij,ij->i", between, of_corner), heights)
     highest = np.maximum.reduceat(np.maximum(heights, middle_heights), starts)
     lowest = np.minimum.reduceat(np.minimum(heights, middle_heights), starts)
-    # A plain triangle is its own plane.
-    is_plain = (sizes == 3) & ~np.logical_or.reduceat(bent, starts)
-    thickness = np.where(is_plain, 0.0, highest - lowest)
+    thickness = highest - lowest
 
-    is_region = _is_region(facets, bent, starts, normals, triangles)
+    is_region = _is_region(facets, starts, normals)
     found = np.where(is_region, np.hypot(thickness, _dents(facets, following, bent, of_corner, starts)), np.inf)
     if np.linalg.cond(axes) <= MOST_UNEVEN:
         lines = units(normals @ axes @ axes.T)
         turns = line_turns(facets, starts, axes, largest)
         cosines = np.einsum("ij,ij->i", normals, lines) - turns
-        fine = (cosines > 0) & _is_region(facets, bent, starts, lines, triangles, turns)
-        fine[sizes == 3] &= ~_is_folded_from_middle(facets, bent, starts[sizes == 3], axes)
+        fine = (cosines > 0) & _is_region(facets, starts, lines, turns)
         reaches = np.sqrt(np.maximum.reduceat(np.maximum(squared_norms(spokes), squared_norms(between)), starts))
-        thickest = np.where(is_plain, 0.0, thickness + HEIGHT_ROUNDING * reaches)
+        thickest = thickness + HEIGHT_ROUNDING * reaches
         found = np.where(fine, np.minimum(found, thickest / np.where(fine, cosines, 1.0)), found)
     return found
 
@@ -123,83 +110,16 @@ def line_turns(facets: FloatArray, starts: IndexArray, axes: FloatArray, largest
     return np.where(np.isfinite(found), np.minimum(found, 2.0), 2.0)
 
 
-def thickness_of_quads(
-    points: FloatArray, pattern: int, alternative: int, axes: FloatArray, largest: float = 0.0
-) -> FloatArray:
-    """(P,) float64: upper bounds of the distance between quads with split sides, as polygons, and the triangles of a
-    template; inf where there is no proof.
-
-    points: (8 or more, P, 3), in the order of ``templates.QUAD_POINTS``.
-    """
-    split_sides = np.array([pattern >> side & 1 for side in range(4)], dtype=bool)
-    corners = points[:4].swapaxes(0, 1)
-    chords = (corners + np.roll(corners, -1, axis=1)) / 2
-    middles = np.where(split_sides[:, None], points[4:8].swapaxes(0, 1), chords)
-    centres = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
-    facets = np.stack([corners, middles, centres, np.roll(middles, 1, axis=1)]).reshape(4, -1, 3)
-    bent = np.tile(split_sides, len(corners))
-    triangles = [points[list(triangle)] for triangle in templates(pattern)[alternative]]
-    return polygon_thickness(facets, bent, 4 * np.arange(len(corners)), axes, triangles, largest)
-
-
 def _is_region(
-    facets: FloatArray,
-    bent: BoolArray,
-    starts: IndexArray,
-    directions: FloatArray,
-    triangles: Sequence[FloatArray],
-    turns: FloatArray | None = None,
+    facets: FloatArray, starts: IndexArray, directions: FloatArray, turns: FloatArray | None = None
 ) -> BoolArray:
-    """(P,) whether fans and templates cover a region once, seen along directions (P, 3), and along all directions
-    within the turns (P,) of these."""
+    """(P,) whether fans cover a region once, seen along directions (P, 3), and along all directions within the turns
+    (P,) of these."""
     sizes = np.diff(starts, append=facets.shape[1])
     turns = np.zeros(len(starts)) if turns is None else turns
-    of_corner, is_three = np.repeat(directions, sizes, axis=0), sizes == 3
-    found = np.logical_and.reduceat(_convex(facets, of_corner, np.repeat(turns, sizes)), starts)
-    found &= _once_around(facets, of_corner, starts)
-    found[is_three] &= _inner_triangles_turn_left(facets, bent, directions[is_three], starts[is_three], turns[is_three])
-    for triangle in triangles:
-        found &= _turns_left(triangle, directions, turns)
-    return found
-
-
-def _are_along(crosses: FloatArray, directions: FloatArray, turns: FloatArray) -> BoolArray:
-    """(…, P) whether vectors (…, P, 3) are on the side of all directions as near to some (P, 3) as turns (P,)."""
-    found: BoolArray = np.einsum("...ij,ij->...i", crosses, directions) > turns * np.sqrt(squared_norms(crosses))
-    return found
-
-
-def _turns_left(points: FloatArray, directions: FloatArray, turns: FloatArray) -> BoolArray:
-    """(P,) whether triangles (3, P, 3) go round counter-clockwise, seen along directions; as of ``_is_region``."""
-    a, b, c = points
-    return _are_along(cross_products(b - a, c - a), directions, turns)
-
-
-def _inner_triangles_turn_left(
-    facets: FloatArray, bent: BoolArray, directions: FloatArray, starts: IndexArray, turns: FloatArray
-) -> BoolArray:
-    """For triangles with two bent sides, whether their middles and the corner that touches one of them turn left.
-
-    The convex quads of the fan prove all other triangles of ``templates.triangle_template``.
-    """
-    fine = np.ones(len(starts), dtype=bool)
-    for side in range(3):
-        after, before = starts + (side + 1) % 3, starts + (side + 2) % 3
-        both = np.flatnonzero(bent[starts + side] & bent[after] & ~bent[before])
-        middles = facets[1, starts[both] + side], facets[1, after[both]]
-        fine[both] &= _turns_left(np.stack([*middles, facets[0, before[both]]]), directions[both], turns[both])
-    return fine
-
-
-def _is_folded_from_middle(facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray) -> BoolArray:
-    """The triangles with one bent side that Blender might cut along the diagonal apart from its middle."""
-    found = np.zeros(len(starts), dtype=bool)
-    for side in range(3):
-        own, after, before = starts + side, starts + (side + 1) % 3, starts + (side + 2) % 3
-        one = np.flatnonzero(bent[own] & ~bent[after] & ~bent[before])
-        quads = np.stack([facets[1, own[one]], facets[0, after[one]], facets[0, before[one]], facets[0, own[one]]])
-        found[one] = is_folded(quads, axes)
-    return found
+    of_corner = np.repeat(directions, sizes, axis=0)
+    are_convex = np.logical_and.reduceat(_convex(facets, of_corner, np.repeat(turns, sizes)), starts)
+    return are_convex & _once_around(facets, of_corner, starts)
 
 
 def _dents(
@@ -237,7 +157,9 @@ def _next(starts: IndexArray, sizes: IndexArray) -> IndexArray:
 def _convex(facets: FloatArray, directions: FloatArray, turns: FloatArray) -> BoolArray:
     """(C,) whether each quad of the fan turns left at every corner, seen along its direction; as of ``_is_region``."""
     sides = np.roll(facets, -1, axis=0) - facets
-    return np.all(_are_along(cross_products(np.roll(sides, 1, axis=0), sides), directions, turns), axis=0)
+    crosses = cross_products(np.roll(sides, 1, axis=0), sides)
+    turns_left = np.einsum("...ij,ij->...i", crosses, directions) > turns * np.sqrt(squared_norms(crosses))
+    return np.all(turns_left, axis=0)
 
 
 def _once_around(facets: FloatArray, directions: FloatArray, starts: IndexArray) -> BoolArray:

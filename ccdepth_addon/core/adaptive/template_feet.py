@@ -38,8 +38,7 @@ def bounds_by_feet(plan: Plan, leaves: IndexArray) -> FloatArray:
         own = leaves[which[some]]
         drawn, coefficients = plan.approximation(own), plan.surfaces.coefficients(own)
         numbers = template_numbers(drawn.patterns, drawn.alternatives)
-        bounds = template_feet(coefficients, numbers, curvature[some], speed[some], plan.request.limit)
-        found[which[some]] = bounds + drawn.thickness
+        found[which[some]] = template_feet(coefficients, numbers, curvature[some], speed[some], plan.request.limit)
         plan.report()
     return np.where(found <= plan.request.limit, found, np.inf)
 
