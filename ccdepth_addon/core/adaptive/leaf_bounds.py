@@ -26,18 +26,7 @@ from .leaf_approximation import LeafApproximation
 from .leaf_triangles import LeafTriangles
 from .plan import Plan
 from .rings import largest_around, with_rings
-from .surface_pieces import (
-    ALL,
-    SOME,
-    DrawnTiles,
-    grouped,
-    half_keys,
-    over_triangles,
-    parts_of,
-    pieces_by_corners,
-    pieces_over,
-    quarter_keys,
-)
+from .surface_pieces import DrawnTiles, half_keys, pieces_of_tiles, quarter_keys
 from .template_feet import bounds_by_feet
 from .template_rows import bounds_at_equal
 from .templates import template_numbers
@@ -67,7 +56,8 @@ def unbounded(plan: Plan) -> IndexArray:
     """The leaves without a bound within the limit: among the changed leaves, or if there are none, among the leaves
     whose bounds may have changed with the leaves around."""
     changed = plan.take_changed()
-    _bound_at_equal(plan, changed)
+    if not plan.request.has_angles:
+        bound_at_equal(plan, changed)
     plan.is_stale.values[with_rings(plan.tree, changed, RINGS)] = True
     if len(failed := _bound_stale(plan, changed)):
         return failed
@@ -82,6 +72,11 @@ def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
     limit = plan.request.limit
     stale = leaves[plan.is_stale.values[leaves]]
     wanted = stale[plan.at_equal.values[stale] > limit]
+    if plan.request.has_angles:
+        # Leaves paired with their own triangles need no other bound, but for the leaves around that do.
+        every = plan.tree.leaves()
+        around = with_rings(plan.tree, every[plan.paired.values[every] > limit], 1)
+        wanted = np.intersect1d(wanted, around, assume_unique=True)
     had_feet = plan.by_feet.values[wanted] <= limit
     plan.by_feet.values[wanted] = bounds_by_feet(plan, wanted)
     has_feet = plan.by_feet.values[wanted] <= limit
@@ -109,10 +104,11 @@ def bounds_both_ways(plan: Plan, leaves: IndexArray) -> FloatArray:
     ways. For places in a shell the bounds of the leaves around are included, as their surface may be the nearest."""
     found = plan.bounds(leaves)
     around = largest_around(plan.tree, leaves, found)
-    return np.where(plan.at_equal.values[leaves] <= plan.request.limit, found, around)
+    is_own = np.minimum(plan.at_equal.values[leaves], plan.paired.values[leaves]) <= plan.request.limit
+    return np.where(is_own, found, around)
 
 
-def _bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
+def bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
     """Bound the bicubic leaves among some at equal parameters."""
     for some in index_chunks(leaves[plan.surfaces.are_bicubic(leaves)], FEW_LEAVES_AT_ONCE):
         drawn = plan.approximation(some)
@@ -171,7 +167,7 @@ def _by_pieces(plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: Inde
     for levels in TILE_LEVELS:
         waiting = _Waiting(corners, len(left), include, plan.report)
         for some in chunks(len(left), LEAVES_AT_ONCE):
-            for drawn in _joined(_drawn_tiles(plan, leaves[left[some]], levels)):
+            for drawn in joined_by_points(drawn_tiles(plan, leaves[left[some]], levels)):
                 # The bicubic tiles of earlier levels are already bounded.
                 if before and drawn.tiles.are_bicubic:
                     drawn = drawn.at(np.flatnonzero(drawn.tiles.squares.sizes() < 2.0**-before))
@@ -189,7 +185,7 @@ def _by_pieces(plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: Inde
     return found
 
 
-def _drawn_tiles(plan: Plan, leaves: IndexArray, levels: int) -> Iterator[DrawnTiles]:
+def drawn_tiles(plan: Plan, leaves: IndexArray, levels: int) -> Iterator[DrawnTiles]:
     """The tiles of the whole surface over leaves, ascending, with the drawn triangles below them. levels: of tiles
     around extraordinary vertices."""
     tree, drawn = plan.tree, plan.approximation(leaves)
@@ -240,7 +236,7 @@ def _over_quarters(
         yield DrawnTiles(tiles.at(own), faces[some], keys[some], first[some])
 
 
-def _joined(tiles: Iterator[DrawnTiles]) -> Iterator[DrawnTiles]:
+def joined_by_points(tiles: Iterator[DrawnTiles]) -> Iterator[DrawnTiles]:
     """The tiles joined by their number of points, bicubic tiles first."""
 
     def kind(each: DrawnTiles) -> tuple[bool, int]:
@@ -265,18 +261,8 @@ class _Waiting:
 
     def put(self, drawn: DrawnTiles, leaves: IndexArray, firsts: IndexArray) -> None:
         """Add tiles of leaves (P,). firsts: (P,), the first triangle of each tile's leaf."""
-        tiles, squares = drawn.tiles, drawn.tiles.squares
-        over = over_triangles(drawn.keys, squares)
-        for chosen, pieces, form in pieces_by_corners(self._corners, tiles, over, firsts):
+        for chosen, pieces, form in pieces_of_tiles(self._corners, drawn, firsts):
             self._put(leaves[chosen], pieces, form)
-        cut = over.at(np.flatnonzero(over.shares == SOME if tiles.are_bicubic else over.shares != ALL))
-        columns = (drawn.keys, squares.origins, squares.axes.reshape(-1, 4))
-        for group, alike in grouped(cut.triangles, *(each[cut.tiles] for each in columns)):
-            triangle, key, *place = group.tolist()
-            chosen = cut.tiles[alike]
-            for part in parts_of(int(key), int(triangle), tuple(place), are_bicubic=tiles.are_bicubic):
-                triangles = firsts[chosen] + int(triangle)
-                self._put(leaves[chosen], pieces_over(self._corners, tiles, chosen, part, triangles), part.form)
 
     def _put(self, leaves: IndexArray, pieces: Pieces, form: Form) -> None:
         key = id(form), len(pieces.hulls)

@@ -9,12 +9,15 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import lengths, selected_vectors
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
 from .leaf_approximation import LeafApproximation, approximate_polygons, approximate_quads, ways_by_coefficients
 from .node_surfaces import NodeSurfaces
+from .quad_normals import are_narrow, better_diagonals, sampled_angles, ways_of_normals
 from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, RectangleTree
 from .request import AdaptiveRequest
+from .templates import WHOLE, template_numbers
 from .vertex_positions import VertexPositions
 
 # A result is refused before planning when its estimated faces exceed the number allowed by this factor; and the least
@@ -41,8 +44,8 @@ class TooManyFacesError(ValueError):
 
 class Plan:
     """A tree, with the surfaces over its nodes and the positions of its vertices. Columns hold for each node: as a
-    leaf, the template and the pattern of split sides; and the bounds of ``leaf_bounds``: at equal parameters, by feet,
-    and along the surface."""
+    leaf, the template and the pattern of split sides; the bounds of ``leaf_bounds``: at equal parameters, by feet, and
+    along the surface; and the bounds of ``leaf_angles``: of distances in pairs, and of the angles."""
 
     def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> None:
         """progress: receives the number of leaves so far, and may raise to stop."""
@@ -54,7 +57,12 @@ class Plan:
         nothing = LeafApproximation.none(1)
         self._drawn = {field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)}
         self._split_sides = self.tree.add_column(np.int32(NONE))
-        self.at_equal, self.by_feet, self.along_surface = (self.tree.add_column(np.float64(np.inf)) for _ in range(3))
+        self.at_equal, self.by_feet, self.along_surface, self.paired = (
+            self.tree.add_column(np.float64(np.inf)) for _ in range(4)
+        )
+        self.shading, self.facets = (self.tree.add_column(np.float64(np.nan)) for _ in range(2))
+        # Leaves that store a normal from inside.
+        self.is_sharp = self.tree.add_column(np.bool_(False))
         # Leaves whose bound may have changed with the leaves around.
         self.is_stale = self.tree.add_column(np.bool_(False))
         self._changed = list[IndexArray]()
@@ -71,9 +79,17 @@ class Plan:
 
     def bounds(self, leaves: IndexArray) -> FloatArray:
         """(n,): the proved distances of the triangles of leaves from the surface; infinite where none is proved."""
-        columns = self.at_equal, self.by_feet, self.along_surface
+        columns = self.at_equal, self.by_feet, self.along_surface, self.paired
         found: FloatArray = np.minimum.reduce([column.values[leaves] for column in columns])
         return found
+
+    def angle_limits(self, leaves: IndexArray) -> FloatArray:
+        """(2, n): the largest angles allowed of shading and of facets; infinite where none counts."""
+        request, is_smooth = self.request, np.ones(len(leaves), dtype=bool)
+        if request.is_smooth is not None:
+            is_smooth = request.is_smooth[self.tree.base_faces[leaves]]
+        shading = np.where(is_smooth & (request.shading > 0), request.shading, np.inf)
+        return np.stack([shading, np.full(len(leaves), request.facets or np.inf)])
 
     def approximate(self, leaves: IndexArray) -> IndexArray:
         """Approximate leaves whose split sides have changed. Returns the leaves that miss more than the limit."""
@@ -87,8 +103,10 @@ class Plan:
                     column.values[own] = getattr(found, name)
                 self.report()
         self._split_sides.values[leaves] = self._patterns(leaves)
-        for column in (self.at_equal, self.by_feet, self.along_surface):
+        for column in (self.at_equal, self.by_feet, self.along_surface, self.paired):
             column.values[leaves] = np.inf
+        for column in (self.shading, self.facets):
+            column.values[leaves] = np.nan
         self._changed.append(leaves)
         return leaves[~self._drawn["accepted"].values[leaves]]
 
@@ -118,7 +136,28 @@ class Plan:
         found = approximate_quads(
             points, tree.hanging(slots), self.are_border(tree.slot_edges[slots]), are_bicubic, self.request
         )
+        if self.request.has_angles:
+            self._consider_angles(quads, points, are_bicubic, found)
         return found if self.request.may_halve else replace(found, ways=np.full_like(found.ways, QUARTERS))
+
+    def _consider_angles(
+        self, quads: IndexArray, points: FloatArray, are_bicubic: BoolArray, found: LeafApproximation
+    ) -> None:
+        """Choose diagonals with smaller angles, and accept no bicubic quad with samples beyond an angle."""
+        whole = np.flatnonzero(are_bicubic & found.accepted & (found.patterns == WHOLE))
+        # The centre is no farther from the middle of either diagonal than the limit.
+        off = points[8, whole] - (points[[0, 1]] + points[[2, 3]])[:, whole] / 2
+        free = whole[(lengths(off) <= self.request.limit).all(axis=0)]
+        found.alternatives[free] = better_diagonals(self.surfaces.coefficients(quads[free]))
+        own = np.flatnonzero(are_bicubic & found.accepted)
+        coefficients = self.surfaces.coefficients(quads[own])
+        angles = sampled_angles(coefficients, template_numbers(found.patterns[own], found.alternatives[own]))
+        missed = np.flatnonzero((angles > self.angle_limits(quads[own])).any(axis=0))
+        missed = missed[~are_narrow(points[:4, own[missed]], self.request.reach)]
+        found.accepted[own[missed]] = False
+        found.ways[own[missed]] = ways_of_normals(
+            selected_vectors(coefficients, missed), self.request.shading or self.request.facets
+        )
 
     def _approximate_others(self, faces: IndexArray) -> LeafApproximation:
         order, refinement = next(self.surfaces.refinements(faces))

@@ -18,27 +18,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
+from ..arrays.vectors import units
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress, no_report
 from .balance import cheaper_split, unbalanced
+from .leaf_angles import beyond_angles, proved_angles
 from .leaf_bounds import bounds_both_ways, unbounded
+from .leaf_normals import leaf_normals
 from .plan import Plan
 from .rectangle_tree import QUARTERS
 from .request import AdaptiveRequest, Mode
-from .subdivided_mesh import SubdividedMesh
-from .tessellation import TessellationPlan, plan_tessellation, tessellate
+from .subdivided_mesh import SubdividedMesh, face_normals
+from .tessellation import TessellationPlan, at_corners, plan_tessellation, tessellate
 
 
 @dataclass(frozen=True)
 class AdaptiveMesh:
     """A tessellated mesh of F faces. bounds: (F,) float64, the proved distance of each face; depths: (F,) int32, the
     depth of each face's base face: the level of the deepest leaf there. leaf_count: the number of leaves of the tree.
+
+    angles: (F,) float64, in radians: the proved angle of shading where that counts, otherwise of facets; 0 where none
+    counts, as on leaves that are too narrow. normals: (C, 3) float64, the unit normals to store at the corners, in the
+    space of the result, or None without an angle of shading. narrow_count: the number of leaves with parts too narrow
+    to count.
     """
 
     mesh: SubdividedMesh
     bounds: FloatArray
     depths: NDArray[np.int32]
     leaf_count: int
+    angles: FloatArray
+    normals: FloatArray | None
+    narrow_count: int
 
 
 def count_faces(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress = no_report) -> int:
@@ -61,10 +72,26 @@ def subdivide_adaptively(
     the number of leaves so far, and may raise to stop. Raises TooManyFacesError.
     """
     plan, tessellation = plan_within(mesh, request, progress)
+    leaves, drawn = tessellation.leaves, tessellation.drawn
     made = tessellate(tessellation, plan.positions.in_space_of(positions, tessellation.used))
-    bounds = bounds_both_ways(plan, tessellation.leaves)[tessellation.drawn]
+    bounds = bounds_both_ways(plan, leaves)[drawn]
     depths = plan.tree.face_levels()[made.base_faces].astype(np.int32)
-    return AdaptiveMesh(made, bounds, depths, len(tessellation.leaves))
+    angles, is_narrow = proved_angles(plan, leaves)
+    normals = _corner_normals(plan, tessellation, made) if request.shading else None
+    return AdaptiveMesh(made, bounds, depths, len(leaves), angles[drawn], normals, int(np.count_nonzero(is_narrow)))
+
+
+def _corner_normals(plan: Plan, tessellation: TessellationPlan, made: SubdividedMesh) -> FloatArray:
+    """(C, 3): the unit normals to store at the corners of a mesh, in its space: those of its leaves, and on flat faces
+    the faces' own."""
+    stored, _ = leaf_normals(plan, tessellation.leaves)
+    axes = plan.request.axes
+    # Normals go by the inverse transpose; a mirrored object's faces are turned over.
+    found = units(at_corners(tessellation, stored) @ axes) * np.sign(np.linalg.det(axes))
+    if plan.request.is_smooth is not None:
+        flat = np.repeat(~plan.request.is_smooth[made.base_faces], np.diff(made.face_starts))
+        found[flat] = np.repeat(face_normals(made), np.diff(made.face_starts), axis=0)[flat]
+    return found
 
 
 def plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> tuple[Plan, TessellationPlan]:
@@ -95,6 +122,10 @@ def _unfinished(plan: Plan) -> tuple[IndexArray, IndexArray]:
         wanted, ways = cheaper_split(plan)
         if len(wanted):
             return wanted, ways
+        if plan.request.has_angles:
+            wanted, ways = beyond_angles(plan)
+            if len(wanted):
+                return wanted, ways
         failed = unbounded(plan)
         return failed, plan.ways_to_bounds(failed)
     return missing, plan.ways(missing)

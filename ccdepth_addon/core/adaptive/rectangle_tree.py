@@ -27,7 +27,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.squares import SQUARE
 from ..surface.surface_points import SurfacePoints
-from .templates import QUAD_POINTS
+from .templates import INWARDS, QUAD_POINTS
 
 NONE = -1
 
@@ -170,6 +170,23 @@ class RectangleTree:
             own, parameters = corners.copy(), origins + u * along + v * across
             own[without] += place
             parameters[without] = float(middle)
+            yield self._surface_points(own, parameters)
+
+    def slot_points(self, nodes: IndexArray, steps: FloatArray) -> Iterator[SurfacePoints]:
+        """The places on the surface near the slots' vertices, and near the middles of their sides: (slots of the
+        nodes,) each. steps: (slots of the nodes,), the way inwards from there, in parts of a node's sides."""
+        counts = self.slot_counts(nodes)
+        owners, numbers = np.repeat(nodes, counts), np.arange(counts.sum())
+        numbers -= np.repeat(np.cumsum(counts) - counts, counts)
+        corners, origins = self._frame_corners.values[owners], self._frame_origins.values[owners]
+        along, across = self._frame_axes(owners)
+        without = np.flatnonzero(~self.is_quad(owners))
+        for first, starts in ((0, 0.0), (4, 1.0)):
+            points = QUAD_POINTS[first + numbers % 4] + INWARDS[first + numbers % 4] * steps[:, None]
+            own, parameters = corners.astype(np.intp), origins + points[:, 0] * along + points[:, 1] * across
+            own[without] += numbers[without]
+            inwards = (1j if first else 1 + 1j) * 2 * steps[without]
+            parameters[without] = starts + inwards
             yield self._surface_points(own, parameters)
 
     def rectangles(self, nodes: IndexArray, roots: IndexArray) -> tuple[FloatArray, FloatArray]:

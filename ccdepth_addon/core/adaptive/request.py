@@ -8,7 +8,10 @@ from enum import StrEnum
 
 import numpy as np
 
-from ..arrays.types import FloatArray
+from ..arrays.types import BoolArray, FloatArray
+
+# A part of the surface narrower than this many limits does not count for angles.
+NARROW = 2.0
 
 
 class Mode(StrEnum):
@@ -26,7 +29,9 @@ class AdaptiveRequest:
     most_faces: the number of faces above which a result is refused. axes: (3, 3) float64, in columns the axes of the
     space where Blender triangulates the result, in coordinates of the positions. largest_coordinate: the largest
     absolute coordinate of the control mesh in that space. are_squares: whether quads are only quartered, never halved,
-    as for a later reduction.
+    as for a later reduction. shading, facets: the largest angles allowed between the surface's normals and the stored
+    normals, interpolated, or the triangles' own, in radians below a right angle; 0 for none. is_smooth: (F,) bool,
+    whether control faces are shaded smooth; without it all are. stored: how far storing a vertex can move it.
     """
 
     limit: float
@@ -35,6 +40,20 @@ class AdaptiveRequest:
     axes: FloatArray = field(default_factory=lambda: np.eye(3))
     largest_coordinate: float = 0.0
     are_squares: bool = False
+    shading: float = 0.0
+    facets: float = 0.0
+    is_smooth: BoolArray | None = None
+    stored: float = 0.0
+
+    @property
+    def has_angles(self) -> bool:
+        """Whether an angle is limited."""
+        return self.shading > 0 or self.facets > 0
+
+    @property
+    def reach(self) -> float:
+        """The width below which parts of the surface are too narrow to count for angles."""
+        return NARROW * self.limit
 
     @property
     def may_halve(self) -> bool:

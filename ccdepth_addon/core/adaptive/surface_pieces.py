@@ -250,6 +250,23 @@ def grouped(*columns: IndexArray | FloatArray) -> Iterator[tuple[FloatArray, Ind
         yield rows[order[start]], order[start:end]
 
 
+def pieces_of_tiles(
+    corners: FloatArray, drawn: DrawnTiles, firsts: IndexArray
+) -> Iterator[tuple[IndexArray, Pieces, Form]]:
+    """The pieces of tiles, with the tile of each and their form. corners: (M, 3, 3), of triangles; firsts: (P,), the
+    first triangle of each tile's leaf."""
+    tiles, squares = drawn.tiles, drawn.tiles.squares
+    over = over_triangles(drawn.keys, squares)
+    yield from pieces_by_corners(corners, tiles, over, firsts)
+    cut = over.at(np.flatnonzero(over.shares == SOME if tiles.are_bicubic else over.shares != ALL))
+    columns = (drawn.keys, squares.origins, squares.axes.reshape(-1, 4))
+    for group, alike in grouped(cut.triangles, *(each[cut.tiles] for each in columns)):
+        triangle, key, *place = group.tolist()
+        chosen = cut.tiles[alike]
+        for part in parts_of(int(key), int(triangle), tuple(place), are_bicubic=tiles.are_bicubic):
+            yield chosen, pieces_over(corners, tiles, chosen, part, firsts[chosen] + int(triangle)), part.form
+
+
 def pieces_by_corners(
     corners: FloatArray, tiles: Tiles, over: TilesOverTriangles, firsts: IndexArray
 ) -> Iterator[tuple[IndexArray, Pieces, Form]]:

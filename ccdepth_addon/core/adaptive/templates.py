@@ -21,6 +21,9 @@ Template = tuple[Triangle, ...]
 # The points of a quad in its parameters.
 QUAD_POINTS: FloatArray = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5], [0.5, 1], [0, 0.5]])
 
+# The way inwards from there.
+INWARDS: FloatArray = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [0, 1], [-1, 0], [0, -1], [1, 0]], dtype=np.float64)
+
 WHOLE = 0
 ALL_SPLIT = 15
 

@@ -135,6 +135,18 @@ def tessellate(plan: TessellationPlan, positions: FloatArray) -> SubdividedMesh:
     )
 
 
+def at_corners(plan: TessellationPlan, values: FloatArray) -> FloatArray:
+    """(C, D): values (2, S, D) at the slots of the plan's leaves, at their vertices and at the middles of their sides,
+    at the corners of the faces."""
+    found = np.empty((plan.starts[-1], values.shape[2]))
+    counts = plan.tree.slot_counts(plan.leaves)
+    starts = np.cumsum(counts) - counts
+    for block, first in zip(plan.blocks, plan.firsts, strict=True):
+        for number, (place, middle) in enumerate(block.points):
+            found[first + number] = values[int(middle), starts[block.leaves] + place]
+    return found
+
+
 def _base_vertices(tree: RectangleTree, used: IndexArray) -> ShortIndexArray:
     """(V,): the control vertex at each vertex of the tree, or NONE, for vertices in ascending order."""
     found = np.full(len(used), NONE, dtype=np.int32)

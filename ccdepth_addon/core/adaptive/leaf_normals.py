@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The normals stored at the corners of leaves, and at the middles of their sides.
+
+A stored normal is the normal of the limit surface at its point, on the leaf's own side of a crease. Where the surface
+turns by more than the shading angle within the reach, as at a nearly sharp crease or a tiny bevel, the leaf stores the
+normal from the reach inside instead: at this scale such a place is drawn as a sharp edge (docs/normals.md).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays.chunks import AT_ONCE, index_chunks
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import lengths, units
+from ..surface.limit_normals import limit_normals
+from .plan import Plan
+from .quad_normals import normals_of_quads
+
+# The largest part of a leaf's sides by which a normal may be from inside.
+MOST_INSIDE = 0.5
+
+# A turn within the reach is that of an edge if the next part of the surface, as wide, turns less than this part of it.
+SHARP = 0.25
+
+
+def leaf_normals(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, BoolArray]:
+    """(2, S, 3): unit normals at the slots of leaves, at the corners and at the middles of the sides after them, leaf
+    by leaf, in the space of the mesh; and (n,) bool: whether a leaf stores any from inside."""
+    tree = plan.tree
+    counts = tree.slot_counts(leaves)
+    starts = np.cumsum(counts) - counts
+    found = np.empty((2, int(counts.sum()), 3))
+    is_sharp, are_bicubic = np.zeros(len(leaves), dtype=bool), plan.surfaces.are_bicubic(leaves)
+    for some in index_chunks(np.flatnonzero(are_bicubic), AT_ONCE):
+        own = normals_of_quads(plan.surfaces.coefficients(leaves[some]))
+        found[:, starts[some, None] + np.arange(4)] = own.reshape(2, 4, -1, 3).swapaxes(1, 2)
+    others = np.flatnonzero(~are_bicubic)
+    if len(others):
+        slots = np.repeat(starts[others], counts[others])
+        slots += np.arange(len(slots)) - np.repeat(np.cumsum(counts[others]) - counts[others], counts[others])
+        found[:, slots], sharp = _normals_of_others(plan, leaves[others])
+        is_sharp[others] = np.logical_or.reduceat(sharp.any(axis=0), np.cumsum(counts[others]) - counts[others])
+    return found, is_sharp
+
+
+def _normals_of_others(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, BoolArray]:
+    """(2, S, 3): the normals of leaves that are not bicubic, as of ``leaf_normals``; and (2, S) bool: whether they are
+    from inside."""
+    tree, angle, counts = plan.tree, plan.request.shading, plan.tree.slot_counts(leaves)
+    corners = plan.positions.of(tree.slot_vertices[tree.slots(leaves)])
+    starts = np.cumsum(counts) - counts
+    following = np.arange(len(corners)) + 1
+    following[starts + counts - 1] = starts
+    sides = np.repeat(np.maximum.reduceat(lengths(corners[following] - corners), starts), counts)
+
+    slots = tree.slots(leaves)
+    wanted = np.stack([np.ones(len(slots), dtype=bool), tree.hanging(slots)])
+    exact = _normals_inside(plan, leaves, np.zeros(len(sides)), wanted)
+    means = np.repeat(units(np.add.reduceat(exact[0], starts)), counts, axis=0)
+    # Without a turn within the whole leaf there is none within the reach.
+    turning = wanted & np.repeat(np.logical_or.reduceat(_between(exact[0], means) > angle / 2, starts), counts)
+    is_sharp = np.zeros(wanted.shape, dtype=bool)
+    if not angle or not turning.any():
+        return exact, is_sharp
+    # Parameters on irregular faces are dyadic.
+    halvings = np.clip(np.floor(np.log2(np.maximum(sides, 1e-300) / max(plan.request.reach, 1e-300))), 1, 20)
+    steps = np.ldexp(1.0, -halvings.astype(np.int32))
+    inside, farther = (
+        _normals_inside(plan, leaves, each, turning) for each in (steps, np.minimum(2 * steps, MOST_INSIDE))
+    )
+    turned, further = _between(exact, inside), _between(inside, farther)
+    is_sharp = turning & (turned > angle) & (further < SHARP * turned)
+    return np.where(is_sharp[..., None], inside, exact), is_sharp
+
+
+def _normals_inside(plan: Plan, leaves: IndexArray, steps: FloatArray, wanted: BoolArray) -> FloatArray:
+    """(2, S, 3): the normals at steps (S,) inwards from the wanted places of leaves, (2, S) bool; zero elsewhere."""
+    found = np.zeros((*wanted.shape, 3))
+    for own, some, points in zip(found, wanted, plan.tree.slot_points(leaves, steps), strict=True):
+        own[some] = limit_normals(plan.tree.mesh, points.at(np.flatnonzero(some)))
+    return found
+
+
+def _between(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(…): the angles between unit vectors (…, 3)."""
+    found: FloatArray = 2 * np.arcsin(np.minimum(lengths(a - b) / 2, 1.0))
+    return found
