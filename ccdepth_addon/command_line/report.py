@@ -118,9 +118,9 @@ class ReportPictures:
 class FileEntry:
     """The entry of a file. source: None for Blender's Suzanne. error: why the file failed, if it did. chosen: None if
     no object was done. left_out: by the names of objects, the reasons: HIDDEN, NO_FACES, EXCLUDED_FROM_VIEW_LAYER,
-    COLLECTION_INSTANCE or their type in Blender; None if unknown. companions: files written beside the output that
-    belong to it. lost: the data of the objects that no file holds. pictures: one for each object if a page or the
-    report holds them, else none."""
+    COLLECTION_INSTANCE or their type in Blender; None for a file that failed. companions: files written beside
+    the output that belong to it. lost: the data of the objects that no file holds. pictures: one for each object if a
+    page or the report holds them, else none."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
@@ -144,12 +144,11 @@ class FileEntry:
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a run: depths, levels, subdivide or measure. version: of the format of the file read. is_own:
-    whether this version of CC Depth made it, in this version of Blender."""
+    """The report of a run: depths, levels, subdivide or measure. is_own: whether this version of CC Depth made it, in
+    this version of Blender."""
 
     action: str
     files: tuple[FileEntry, ...]
-    version: int = FORMAT_VERSION
     is_own: bool = True
 
     @property

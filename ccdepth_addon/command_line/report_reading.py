@@ -15,7 +15,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import bpy
 
 from ..core import VERTICES
-from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE
+from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .report import (
     FORMAT,
     FORMAT_VERSION,
@@ -29,12 +29,7 @@ from .report import (
     without_links,
 )
 
-OLD_VERSION = 1
 FIELDS = {"format", "version", "program", "blender", "action", "met", "files"}
-
-# The fields missing from reports of version 1: the requested objects of a file, and two facts about a written mesh.
-UNTOLD_OF_FILES: dict[str, Any] = {"chosen": None}
-UNTOLD_OF_OBJECTS: dict[str, Any] = {"closed": None, "oriented": None}
 
 
 class ReportError(ValueError):
@@ -75,20 +70,14 @@ def read_report(path: Path) -> Report:
         if content["format"] != FORMAT:
             raise ReportError(f"{path}: it is not a CC Depth report")
         number = content["version"]
-        if type(number) is not int or number not in (OLD_VERSION, FORMAT_VERSION):
-            raise ReportError(
-                f"{path}: it is a report of version {number}, and this version of CC Depth reads {OLD_VERSION} and "
-                f"{FORMAT_VERSION}"
-            )
+        if type(number) is not int or number != FORMAT_VERSION:
+            raise ReportError(f"{path}: it is a report of version {number}, and not of version {FORMAT_VERSION}")
         if unknown := content.keys() - FIELDS:
             raise ValueError(f"these fields are unknown: {', '.join(sorted(unknown))}")
-        if number == OLD_VERSION:
-            _take_for_new(content)
         folder = without_links(path.parent)
         entries = tuple(_file_entry(each, folder) for each in content["files"])
-        made_by = (content.get("program"), content.get("blender"), number)
-        is_own = made_by == (PROGRAM, bpy.app.version_string, FORMAT_VERSION)
-        report = Report(content["action"], entries, number, is_own)
+        is_own = (content.get("program"), content.get("blender")) == (PROGRAM, bpy.app.version_string)
+        report = Report(content["action"], entries, is_own)
         verdicts = [content["met"], *(each["met"] for each in content["files"])]
     except OSError as fault:
         raise ReportError(f"{path}: it cannot be read: {fault.strerror}") from fault
@@ -105,21 +94,8 @@ def read_report(path: Path) -> Report:
     return report
 
 
-def _take_for_new(content: dict[str, Any]) -> None:
-    """Turn the content of a report of version 1 into the newest version, without unknown fields."""
-    for entry in content["files"]:
-        entry.update(UNTOLD_OF_FILES)
-        for each in entry["objects"]:
-            each.update(UNTOLD_OF_OBJECTS)
-            if content["action"] in MAKING:
-                # Meshes that are made are measured until it is known whether they are within the tolerance.
-                each["settings"].pop("accuracy", None)
-
-
 def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
-    # Older reports of this version lack these fields, and have the vertices only among the settings.
-    values = {"left_out": None, "companions": [], "lost": [], "pictures": [], **content, "source": content["input"]}
-    values["objects"] = [{"vertices": (each["settings"] or {}).get("vertices"), **each} for each in content["objects"]]
+    values = {"pictures": [], **content, "source": content["input"]}
     entry: FileEntry = _read(FileEntry, {name: values[name] for name in values.keys() - {"input", "met"}}, folder)
     for each in entry.objects:
         if (each.met is None) != (each.measured is None) or not _agree(each):

@@ -24,8 +24,8 @@ from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
 from .mesh_files import BLEND, load, scene_unit, unit_of
 from .one_file import as_held, evaluated_objects, measure_settings, surfaces_of, with_answer
-from .report import FORMAT_VERSION, ROUNDING, Chosen, FileEntry, FileStamp, ObjectEntry, Report, stamp
-from .report_reading import UNTOLD_OF_OBJECTS, read_report
+from .report import ROUNDING, FileEntry, FileStamp, ObjectEntry, Report, stamp
+from .report_reading import read_report
 from .written_meshes import GLB, STL, measured_distances, read_written
 
 # Measure Deviation does not distinguish distances below this part of the tolerance from zero (docs/deviation.md).
@@ -66,8 +66,7 @@ def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
         return
     largest = max(each.tolerance for each in entry.objects)
     for said, found in zip(entry.objects, _found_anew(report.action, entry), strict=True):
-        told = found if report.version == FORMAT_VERSION else replace(found, **UNTOLD_OF_OBJECTS)
-        for difference in _differences(said, told, largest):
+        for difference in _differences(said, found, largest):
             yield f"{said.name}: {difference}"
 
 
@@ -77,7 +76,7 @@ def _contradictions(report: Report, entry: FileEntry) -> Iterator[str]:
         yield f"it failed: {entry.error}"
     elif not entry.objects:
         yield "the report names no objects"
-    elif entry.chosen is None and report.version == FORMAT_VERSION:
+    elif entry.chosen is None:
         yield "the report does not say which objects were asked for"
     elif report.action == SUBDIVIDE and entry.output is None:
         yield "the adaptive mesh was not written, so that it cannot be checked"
@@ -229,12 +228,12 @@ def _reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
     load(path, unit)
     if source is not None:
         _refuse_other_unit(source, scene_unit(bpy.context.scene))
-    chosen = entry.chosen or Chosen(names, None)
-    found, left_out = chosen_objects(path, chosen.objects, chosen.collection)
+    assert entry.chosen is not None
+    found, left_out = chosen_objects(path, entry.chosen.objects, entry.chosen.collection)
     objects, error = evaluated_objects(path, found)
     if error is not None:
         raise CommandError(error)
-    if entry.left_out not in (None, left_out):
+    if entry.left_out != left_out:
         raise CommandError(f"the report says that {entry.left_out} are left out, but these are {left_out}")
     by_name = {each.name: each for each in objects}
     others = by_name.keys() ^ set(names)

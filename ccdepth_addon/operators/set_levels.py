@@ -87,8 +87,6 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
             "Blender lets no Subdivision Surface modifier be above a Multiresolution or Soft Body one; turn Include "
             "Modifiers on, and compute its depths again"
         )
-    if record.uniform_level < 0:
-        return "its depths are from an earlier version of CC Depth; compute them again"
     if deep := mesh_values.too_deep(record, settings.max_faces):
         return f"{deep.reason}{_way_out(blender_object, deep, settings)}"
     if record.quality > limits["quality"].hard_max:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The registration of our data on scenes, meshes, objects and viewports, on each as ``ccdepth``."""
+"""The registration of our data on scenes, meshes and objects, on each as ``ccdepth``."""
 
 import bpy
 from bpy.props import PointerProperty
@@ -7,9 +7,8 @@ from bpy.props import PointerProperty
 from .record import Contributor, DepthRow, Measurement, MeshRecord
 from .result_record import AppliedModifier, ResultRecord, SourceMaterial
 from .settings import SceneSettings
-from .viewports import ViewportMemory
 
-HOLDERS = {"Scene": SceneSettings, "Mesh": MeshRecord, "Object": ResultRecord, "View3DShading": ViewportMemory}
+HOLDERS = {"Scene": SceneSettings, "Mesh": MeshRecord, "Object": ResultRecord}
 
 # Groups held by other groups come first.
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(

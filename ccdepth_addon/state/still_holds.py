@@ -169,8 +169,7 @@ def target_of(measured: bpy.types.Object) -> bpy.types.Object | None:
     """The object of the limit surface for a measured object; None if it is gone."""
     if is_own(measured.data):
         return measured
-    # Objects that were measured by earlier versions know its name alone.
-    target = measured.ccdepth.measured_against or bpy.data.objects.get(measured.data.ccdepth.measurement.against)
+    target = measured.ccdepth.measured_against
     return target if target is not None and target.type == "MESH" else None
 
 

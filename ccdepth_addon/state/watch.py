@@ -94,7 +94,6 @@ HANDLERS = (
     ("redo_post", _notice_replacement),
     ("load_pre", _forget),
     ("load_post", _notice_replacement),
-    ("load_post", viewports.put_back_all),
 )
 
 

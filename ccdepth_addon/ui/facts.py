@@ -56,10 +56,8 @@ def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[
         meaning = "The computed frames: each face has its deepest depth"
         facts.insert(1, Fact("Frames", record.frames, meaning))
     facts += ways([record])
-    # Results of earlier versions have none.
-    if record.uniform_level >= 0:
-        meaning = "How many faces the whole mesh has at the first level that is enough for all faces"
-        facts.append(Fact(f"Faces at Level {record.uniform_level}", short_count(int(record.uniform_faces)), meaning))
+    meaning = "How many faces the whole mesh has at the first level that is enough for all faces"
+    facts.append(Fact(f"Faces at Level {record.uniform_level}", short_count(int(record.uniform_faces)), meaning))
     # A depth that is disproved at equal parameters may be enough all the same.
     if record.method == "DISTANCE":
         meaning = "The number of faces for which no lesser depth is enough, as proved"

@@ -50,15 +50,6 @@ def test_without_a_mesh_it_measures_suzanne_as_the_operator_does(tmp_path: Path,
     assert sorted(each.name for each in tmp_path.iterdir()) == ["suzanne.blend", "suzanne.blend1"]
 
 
-def test_a_level_that_is_not_known_is_no_level() -> None:
-    """Records of earlier versions do not have it."""
-    holder = scene.add_object(meshes.cube())
-    addon.compute(holder)
-    assert f"Faces at Level {holder.data.ccdepth.uniform_level}" in addon.facts(holder)
-    holder.data.ccdepth.property_unset("uniform_level")
-    assert not [name for name in addon.facts(holder) if "Level" in name]
-
-
 @pytest.mark.every_blender
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_every_format_can_be_read_and_stays_as_it_is(tmp_path: Path, suffix: str) -> None:

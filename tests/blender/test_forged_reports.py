@@ -4,9 +4,7 @@
 import csv
 import json
 import re
-import shutil
 from collections.abc import Callable, Iterator, Set
-from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -250,24 +248,6 @@ def test_a_report_does_not_hide_what_failed(tmp_path: Path, capfd: Capture) -> N
     # What says that all is well agrees with itself, and the object is not there.
     content["met"], entry["met"], entry["error"] = True, True, None
     assert "“Driven” depends on a driver" in printed(capfd, "--verify", claim(report, content), status=1)
-
-
-@pytest.mark.parametrize("name", ["depths", "made", "measure"])
-def test_reports_of_version_1_are_read(name: str, tmp_path: Path, capfd: Capture) -> None:
-    """They were written by 308a89a; their kinds of faults are found."""
-    shutil.copytree(Path(__file__).with_name("version_1"), tmp_path, dirs_exist_ok=True)
-    assert run("--verify", tmp_path / f"{name}.json") == 0
-    content = json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))
-    assert content["version"] == 1
-    for field, value in (("faces", 7), ("worst_frame", 3), ("tolerance", 1e-4), ("closed", 7)):
-        forged = deepcopy(content)
-        forged["files"][0]["objects"][0][field] = value
-        # Of this field version 1 knows nothing.
-        assert run("--verify", claim(tmp_path / "forged.json", forged)) == (0 if field == "closed" else 1)
-    folder = tmp_path / "reports"
-    folder.mkdir()
-    shutil.copy(tmp_path / f"{name}.json", folder)
-    assert "another version" in said(capfd, "--gather", folder, "--json", tmp_path / "gathered.json")
 
 
 def test_a_report_without_new_fields_is_none_of_this_version(reports: Callable[[str], Path], capfd: Capture) -> None:

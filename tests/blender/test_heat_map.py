@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from tests import meshes
 from tests.blender import addon, scene, snapshot
 from tests.blender.subdividing import subdivide
-from tests.blender.test_vertices import OLD_FILE
 
 pytestmark = pytest.mark.every_blender
 
@@ -48,32 +47,6 @@ def test_viewports_stay_as_they_are_and_so_does_a_file_that_is_opened_again(tmp_
     assert bpy.context.scene.ccdepth.heat_map == "DEVIATION"
     bpy.ops.ccdepth.clear()
     assert appearances() == before
-
-
-def test_an_old_file_gets_its_viewports_back_once_and_clear_removes_its_colours(tmp_path: Path) -> None:
-    bpy.ops.wm.open_mainfile(filepath=str(OLD_FILE), load_ui=True)
-    [view] = views()
-    # As in Blender's own file.
-    assert (view.shading.light, view.shading.color_type) == ("STUDIO", "MATERIAL")
-    assert not view.overlay.show_wireframes
-    assert view.overlay.wireframe_opacity == 1.0
-    view.shading.color_type = "VERTEX"
-    scene.open_again(tmp_path)
-    assert views()[0].shading.color_type == "VERTEX"
-    holder = bpy.context.scene.objects[0]
-    assert holder.data.attributes.active_color_name == "ccdepth_color"
-    addon.finish("clear", holder)
-    assert addon.is_untouched([holder])
-    assert holder.data.attributes.active_color_name == ""
-
-
-def test_what_was_changed_since_an_old_version_switched_a_viewport_stays() -> None:
-    shading = views()[0].shading
-    memory = shading.ccdepth
-    memory.is_switched, memory.previous_color_type, memory.previous = True, "MATERIAL", '{"shading.light": "STUDIO"}'
-    shading.color_type, shading.light = "RANDOM", "FLAT"
-    addon.module("state.viewports").put_back_all()
-    assert (shading.color_type, shading.light) == ("RANDOM", "STUDIO")
 
 
 def exported(path: Path) -> bytes:

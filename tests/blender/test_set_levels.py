@@ -132,7 +132,6 @@ def recorded(name: str, value: int) -> Callable[[bpy.types.Object], None]:
     ("spoil", "message"),
     [
         (recorded("quality", 11), "with Use Limit Surface it needs a higher Quality than the 10"),
-        (lambda holder: holder.data.ccdepth.property_unset("uniform_level"), "its depths are from an earlier version"),
         (lambda _: bpy.ops.ccdepth.clear(), "it has no depths"),
         (lambda holder: move_vertex(holder.data), "its depths are out of date"),
         (lambda holder: setattr(holder, "scale", (2.0, 1.0, 1.0)), "its depths are out of date"),

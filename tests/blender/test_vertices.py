@@ -1,14 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Vertices as the objects' own modifiers have them, and files and scripts that name them.
-
-A file of 308a89a opens with all it holds: depths, adaptive objects, measurements, and what is kept updated.
-"""
+"""Vertices as the objects' own modifiers have them, and files and scripts that name them."""
 
 import json
 import re
-import shutil
-from collections.abc import Iterator
-from itertools import product
 from pathlib import Path
 
 import bpy
@@ -20,13 +14,9 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.runs import few_samples, mesh_objects, run, save
 from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
-from tests.blender.updating import move_vertex, set_scene, stale_line, update
+from tests.blender.updating import stale_line
 
 pytestmark = pytest.mark.every_blender
-
-# What is in it, and how it was made, is told beside it.
-OLD_FILE = Path(__file__).with_name("saved_by_308a89a") / "depths.blend"
-OLD_METHODS = ("CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER")
 
 
 @pytest.fixture(autouse=True)
@@ -136,41 +126,11 @@ def test_another_method_makes_nothing_out_of_date_and_the_panel_names_it(setting
     assert [each.value for each in ways] == ["Sharp, Certified", "Limit Surface, Control Mesh"]
 
 
-def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> None:
-    """Those that it names, in settings and results. Where the settings were never touched, none were stored: they are
-    the defaults of today, and the result keeps what it was computed with."""
-    copy = shutil.copy(OLD_FILE, tmp_path)
-    bpy.ops.wm.open_mainfile(filepath=str(copy))
-    named = {f"{method} {vertices}": (method, vertices) for method, vertices in product(OLD_METHODS, VERTICES)}
-    for name, (method, vertices) in {**named, "Untouched": ("CERTIFIED", "CONTROL")}.items():
-        bpy.context.window.scene = bpy.data.scenes[name]
-        settings, holder = bpy.context.scene.ccdepth, bpy.data.objects[name]
-        record = holder.data.ccdepth
-        if name == "Untouched":
-            assert not settings.is_property_set("method")
-            assert not settings.is_property_set("vertices")
-            assert (settings.method, settings.vertices) == ("DISTANCE", "OBJECT")
-        else:
-            assert (settings.method, settings.vertices) == (method, vertices)
-        assert (record.method, record.vertices, record.follows_objects) == (method, vertices, False)
-        assert stale_line(holder) == ""
-        # Blender makes what is set.
-        record.uniform_level, record.uniform_faces, record.quality = 1, "24", 0
-        addon.finish("set_levels", holder)
-        assert holder.modifiers[0].use_limit_surface == (vertices == "LIMIT")
-        depths = addon.depths(holder)
-        bpy.ops.ccdepth.compute()
-        assert record.method == settings.method
-        if name != "Untouched":
-            np.testing.assert_array_equal(addon.depths(holder), depths)
-
-
 @pytest.mark.parametrize("asked", ["object", "limit"])
 def test_reports_say_which_vertices_each_object_has(
     asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Levels set in the file leave them to each object unless they are named. A report in which settings alone name
-    them, as those of earlier versions, is checked as well."""
+    """Levels set in the file leave them to each object unless they are named."""
     few_samples(monkeypatch)
     expected = {}
     for own in (None, *VERTICES):
@@ -189,75 +149,3 @@ def test_reports_say_which_vertices_each_object_has(
     assert run("--verify", report) == 0
     shown = {name: each.modifiers[0].use_limit_surface for name, each in mesh_objects(output).items()}
     assert shown == {name: vertices == "LIMIT" for name, vertices in expected.items()}
-    content = json.loads(report.read_text(encoding="utf-8"))
-    for each in content["files"][0]["objects"]:
-        del each["vertices"]
-    report.write_text(json.dumps(content), encoding="utf-8")
-    assert run("--verify", report) == (0 if asked == "limit" else 1)
-
-
-@pytest.fixture
-def opened(tmp_path: Path) -> Iterator[dict[str, bpy.types.Object]]:
-    """The objects of the file, opened from a copy, by name."""
-    bpy.ops.wm.open_mainfile(filepath=str(shutil.copy(OLD_FILE.with_name("results.blend"), tmp_path)))
-    yield dict(bpy.data.objects)
-    bpy.ops.wm.read_homefile(use_empty=True)
-
-
-def measured_line(holder: bpy.types.Object) -> str:
-    stale_line(holder)
-    return addon.module("ui.deviation_panel").stale_line(bpy.context.scene.ccdepth, holder.data)
-
-
-def test_depths_are_there_and_hold(opened: dict[str, bpy.types.Object]) -> None:
-    settings = bpy.context.scene.ccdepth
-    assert (settings.method, settings.vertices, settings.tolerance_mode) == ("CERTIFIED", "CONTROL", "ABSOLUTE")
-    small, large, moving = (opened[name] for name in ("Small", "Large", "Moving"))
-    record = small.data.ccdepth
-    assert (record.faces, record.method, record.vertices, record.deepest) == (6, "CERTIFIED", "CONTROL", 3)
-    assert addon.depths(small).tolist() == [3] * 6
-    assert (addon.bounds(small) <= record.world_tolerance).all()
-    assert stale_line(small) == stale_line(large) == ""
-    assert (moving.data.ccdepth.frames, moving.data.ccdepth.worst_frame) == ("1-3", 3)
-    set_scene(frames="CUSTOM", frame_list="1-3")
-    for frame in (1, 2, 3):
-        bpy.context.scene.frame_set(frame)
-        assert stale_line(moving) == ""
-    large.scale.x = 4.0
-    assert stale_line(small) != ""
-
-
-def test_adaptive_objects_are_there_with_their_sources_and_settings(opened: dict[str, bpy.types.Object]) -> None:
-    kept, reduced, in_place = (opened[name] for name in ("Kept Adaptive", "Reduced Adaptive", "In Place"))
-    assert (kept.ccdepth.source, kept.ccdepth.keep_updated) == (opened["Kept"], True)
-    assert not opened["Kept"].visible_get()
-    assert stale_line(kept) == ""
-    assert (reduced.ccdepth.reduce, reduced.ccdepth.exact_normals) == (True, True)
-    assert reduced.data.ccdepth.unreduced_triangles > len(reduced.data.polygons)
-    assert stale_line(reduced) == SETTINGS_LINE
-    assert (in_place.data.ccdepth.subdivision, in_place.ccdepth.source) == ("PER_FACE", None)
-    for each in (kept, reduced, in_place):
-        record = each.data.ccdepth
-        assert record.base_faces == 6
-        assert addon.bounds(each).max() == np.float32(record.largest_bound) <= record.world_tolerance
-    move_vertex(opened["Kept"].data)
-    assert stale_line(kept) == "Out of date: “Kept” changed"
-    before = len(kept.data.polygons)
-    update(kept)
-    assert stale_line(kept) == ""
-    assert len(kept.data.polygons) != before or kept.data.ccdepth.largest_bound > 0
-
-
-def test_measurements_are_there_and_hold(opened: dict[str, bpy.types.Object]) -> None:
-    own, kept = opened["Own"], opened["Kept Adaptive"]
-    for holder, against in ((own, "Own"), (kept, "Kept")):
-        record = holder.data.ccdepth
-        assert (record.measurement.measured, record.measurement.against) == (holder.name, against)
-        assert addon.deviations(holder).max() <= np.float32(record.deviation)
-        assert 0 < record.deviation_reached <= record.deviation
-        assert measured_line(holder) == ""
-    assert kept.data.ccdepth.measurement.verdict == "MET"
-    move_vertex(own.data)
-    move_vertex(opened["Kept"].data)
-    assert measured_line(own) != ""
-    assert measured_line(kept) != ""
