@@ -9,7 +9,7 @@ import sys
 import traceback
 from argparse import Namespace
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, redirect_stdout, suppress
+from contextlib import closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any, TextIO
@@ -20,7 +20,7 @@ from ..ui.printable import printable, printable_lines
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
 from .mesh_files import BLEND
-from .one_file import claimed_output, process_file
+from .one_file import process_file, refuse_place
 from .processes import answer, given_numbers, own_process, process_files
 from .report import FileEntry, Report, csv_text, json_text, stamp
 from .report_page import page
@@ -88,17 +88,16 @@ def _execute(
     if options.worker is not None:
         _work(options)
         return True
-    with ExitStack() as reports:
-        for path in (options.json, options.csv, options.html):
-            if path not in (None, STANDARD_OUTPUT):
-                reports.enter_context(claimed_output(Path(path), options.overwrite))
-        if options.gather is not None:
-            report = gathered_reports(options.gather)
-            for entry in report.files:
-                _tell_progress(program, entry, 1, 1)
-        else:
-            report = _done(options, program, arguments, process)
-        _write_reports(report, options, standard_output)
+    for path in (options.json, options.csv, options.html):
+        if path not in (None, STANDARD_OUTPUT):
+            refuse_place(Path(path), options.overwrite)
+    if options.gather is not None:
+        report = gathered_reports(options.gather)
+        for entry in report.files:
+            _tell_progress(program, entry, 1, 1)
+    else:
+        report = _done(options, program, arguments, process)
+    _write_reports(report, options, standard_output)
     return report.is_good
 
 

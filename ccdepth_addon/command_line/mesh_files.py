@@ -100,6 +100,9 @@ NAMED_FILE = re.compile(rb"^((?:map_|refl|norm|bump|disp)(?:.* )?)\.\./", re.MUL
 # The characters that end a line of some formats, or break a program.
 NO_NAME = re.compile(r"[\x00-\x1f\x7f]")
 
+# The likely reason why a file cannot be read back: Blender reports no full disk.
+CUT_OFF = "is the disk full?"
+
 INPUTS = (BLEND, *READERS)
 OUTPUTS = (BLEND, *WRITERS)
 
@@ -208,6 +211,20 @@ def write_blend(path: Path) -> None:
         raise CommandError(f"Blender could not save it: {fault}; is the disk full?") from fault
 
 
+def check_blend(path: Path, names: Sequence[str]) -> None:
+    """Raise CommandError unless objects of these names can be read from a .blend file. Blender keeps the list of its
+    structures at the end of a file, and so reads nothing from one that was cut off."""
+    try:
+        with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+            wanted.objects = list(names)
+        is_whole = None not in wanted.objects
+    except (OSError, RuntimeError):
+        is_whole = False
+    bpy.data.batch_remove([each for each in bpy.data.libraries if Path(bpy.path.abspath(each.filepath)) == path])
+    if not is_whole:
+        raise CommandError(f"it cannot be read back; {CUT_OFF}")
+
+
 def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -> tuple[str, ...]:
     """Write the shown meshes of objects, without heat maps, to a file; returns the data that the file does not hold.
     unit: of the file, in metres. Files beside it are named relative to the folder above, where the file is moved
@@ -286,6 +303,9 @@ def read_back(path: Path, names: Sequence[str]) -> list[bpy.types.Object]:
         return [bpy.data.objects[name, None] for name in names]
     call(bpy.ops.wm.read_homefile, use_empty=True)
     bpy.context.scene.unit_settings.scale_length = 1.0
-    _import(path)
+    try:
+        _import(path)
+    except CommandError as fault:
+        raise CommandError(f"it cannot be read back: {fault}; {CUT_OFF}") from fault
     bpy.context.view_layer.update()
     return [each for each in bpy.data.objects if each.type == "MESH"]

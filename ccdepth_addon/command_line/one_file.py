@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,6 +28,7 @@ from .mesh_files import (
     BLEND,
     COMPANIONS,
     INPUTS,
+    check_blend,
     load,
     names_of,
     reader,
@@ -40,7 +41,7 @@ from .mesh_files import (
 from .missing_inputs import missing_inputs
 from .report import Chosen, Distances, FileEntry, ObjectEntry, ReportPictures, stamp
 from .report_text import print_measured, settings_text
-from .whole_files import PNG, UnwrittenError, check_whole, claimed, refuse_existing, written_whole
+from .whole_files import PNG, UnwrittenError, refuse_existing, written_whole
 from .written_meshes import Edges, measured_distances, read_written, shown_triangles
 
 # The options that are settings of the scene under the same names.
@@ -54,15 +55,9 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     """
     output = output_of(source, options)
     refuse_impossible(source, output, options)
-    with ExitStack() as outputs:
-        for path in (output, options.picture):
-            if path is not None:
-                outputs.enter_context(claimed_output(path, options.overwrite))
-        return _processed(source, output, options)
-
-
-def _processed(source: Path | None, output: Path | None, options: Namespace) -> FileEntry:
-    """The entry of a file with claimed outputs."""
+    for path in (output, options.picture):
+        if path is not None:
+            refuse_place(path, options.overwrite)
     # Before the work, during which the file may be saved anew.
     stamped = None if source is None else stamp(source, None)
     load(source, UNITS.get(options.unit))
@@ -131,21 +126,16 @@ def refuse_impossible(source: Path | None, output: Path | None, options: Namespa
         raise CommandError(f"{options.picture}: its name must end in {PNG}")
 
 
-@contextmanager
-def claimed_output(path: Path, overwrite: bool) -> Iterator[None]:
-    """Keep a place for a file. Raises CommandError without a writable folder, if something there has to stay, and if
-    another run keeps the place."""
+def refuse_place(path: Path, overwrite: bool) -> None:
+    """Raise CommandError without a writable folder for a file, and if something there has to stay."""
     if not path.absolute().parent.is_dir():
         raise CommandError(f"{path}: there is no folder {path.parent}")
     if not os.access(path.absolute().parent, os.W_OK):
         raise CommandError(f"{path}: the folder {path.parent} cannot be written to")
-    with ExitStack() as place:
-        try:
-            refuse_existing(path, overwrite, COMPANIONS.get(path.suffix.lower(), ()))
-            place.enter_context(claimed(path))
-        except UnwrittenError as fault:
-            raise CommandError(f"{path}: {fault}") from fault
-        yield
+    try:
+        refuse_existing(path, overwrite, COMPANIONS.get(path.suffix.lower(), ()))
+    except UnwrittenError as fault:
+        raise CommandError(f"{path}: {fault}") from fault
 
 
 def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:
@@ -195,9 +185,9 @@ def _write(
         lost: tuple[str, ...] = ()
         if is_blend:
             write_blend(path)
+            check_blend(path, [each.name for each in shown])
         else:
             lost = write_meshes(shown, path, unit)
-        check_whole(path)
         # The stamp of the measured file, before anything can take its place.
         stamped = replace(stamp(path, unit), path=output)
         companions = tuple(
@@ -234,10 +224,9 @@ def as_held(entry: ObjectEntry, part: Measured) -> ObjectEntry:
 @contextmanager
 def _written(path: Path, options: Namespace) -> Iterator[Path]:
     """The path to write the file to; afterwards the whole file is there, or CommandError is raised."""
-    backups = bpy.context.preferences.filepaths.save_version if path.suffix.lower() == BLEND else 0
     companions = COMPANIONS.get(path.suffix.lower(), ())
     try:
-        with written_whole(path, backups=backups, companions=companions, overwrite=options.overwrite) as beside:
+        with written_whole(path, companions=companions, overwrite=options.overwrite) as beside:
             yield beside
     except (UnwrittenError, CommandError) as fault:
         # Blender's own message about a failure need not name the file.

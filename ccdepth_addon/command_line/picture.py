@@ -43,6 +43,9 @@ SAMPLES = 16
 # A quarter of the size of a .png file, without a visible loss.
 WEBP, WEBP_QUALITY = ".webp", 90
 
+# The last bytes of every .png file.
+PNG_END = b"IEND\xaeB`\x82"
+
 # The viewer stands to the right of the front, a little above.
 AZIMUTH = radians(32)
 ELEVATION = radians(18)
@@ -288,5 +291,9 @@ def _write_picture(scene: bpy.types.Scene, path: Path) -> None:
         result.save_render(str(path.absolute()), scene=scene)
     except RuntimeError as fault:
         raise CommandError(f"the picture could not be rendered: {fault}") from fault
-    if not path.is_file():
-        raise CommandError(f"the picture could not be written to {path}")
+    # Blender reports no full disk; both formats are cut off at an end of their own.
+    content = path.read_bytes() if path.is_file() else b""
+    length = int.from_bytes(content[4:8], "little") + 8
+    is_whole = len(content) == length if path.suffix == WEBP else content.endswith(PNG_END)
+    if not is_whole:
+        raise CommandError(f"the picture could not be written to {path}; is the disk full?")

@@ -30,7 +30,7 @@ from .arguments import output_of
 from .blender_calls import CommandError
 from .report import FileEntry, stamp
 from .scripted_drivers import ENDS
-from .whole_files import claimed
+from .whole_files import remove_left
 
 # The time for a process to end by itself, in seconds.
 GRACE = 5.0
@@ -163,8 +163,7 @@ class _Worker:
         output = output_of(source, self._options)
         if output is not None:
             # Whatever the process has left there goes.
-            with suppress(OSError), claimed(output):
-                pass
+            remove_left(output)
         return FileEntry(stamp(source, None), error=error)
 
     def let_end(self) -> None:

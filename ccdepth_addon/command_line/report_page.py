@@ -17,7 +17,6 @@ from ..ui.printable import printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .report import YES_OR_NO, FileEntry, FileStamp, ObjectEntry, Report, ReportPictures
 from .report_text import enough_digits_in_metres, losses, metres_text
-from .whole_files import PNG_SIGNATURE
 
 ACTION_TEXTS = {
     DEPTHS: "Depths computed",
@@ -243,7 +242,7 @@ def _figures(entry: ObjectEntry, pictures: ReportPictures) -> str:
 
 
 def _picture_url(content: bytes) -> str:
-    kind = "png" if content.startswith(PNG_SIGNATURE) else "webp"
+    kind = "webp" if content.startswith(b"RIFF") else "png"
     return f"data:image/{kind};base64,{b64encode(content).decode()}"
 
 

@@ -17,7 +17,7 @@ from ..exchange.displayed_mesh import ShownMesh, Triangles, read_shown_mesh
 from ..exchange.mesh_arrays import mesh_face_count
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure
 from .blender_calls import CommandError
-from .mesh_files import BLEND, NO_NAME, read_back
+from .mesh_files import BLEND, CUT_OFF, NO_NAME, read_back
 
 STL, PLY, GLB = ".stl", ".ply", ".glb"
 
@@ -79,7 +79,7 @@ def read_written(path: Path, scale: float, written: Mapping[str, int]) -> list[M
     for (name, wanted), part in zip(written.items(), parts, strict=True):
         there = len(part.shown.triangles.corners)
         if there != wanted:
-            raise CommandError(f"it holds {there:,} triangles of “{name}”, which has {wanted:,}")
+            raise CommandError(f"it holds {there:,} triangles of “{name}”, which has {wanted:,}; {CUT_OFF}")
     return [replace(part, shown=_scaled(part.shown, scale)) for part in parts]
 
 
@@ -117,7 +117,7 @@ def _split(whole: Measured, written: Mapping[str, int]) -> list[Measured]:
     """The triangles of each object from a file with one mesh, object after object."""
     triangles, wanted = whole.shown.triangles, sum(written.values())
     if len(triangles.corners) != wanted:
-        raise CommandError(f"it holds {len(triangles.corners):,} triangles, and {wanted:,} were written")
+        raise CommandError(f"it holds {len(triangles.corners):,} triangles, and {wanted:,} were written; {CUT_OFF}")
     parts, end = [], 0
     for own_count in written.values():
         own = slice(end, end + own_count)

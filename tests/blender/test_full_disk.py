@@ -23,13 +23,6 @@ from tests.blender.test_command_line import example_command
 whole_files = addon.module("command_line.whole_files")
 
 
-@contextmanager
-def written_whole(path: Path, **options: object) -> Iterator[Path]:
-    """As the command line writes a file."""
-    with whole_files.claimed(path), whole_files.written_whole(path, **options) as beside:
-        yield beside
-
-
 # Less than any file has that is written.
 ROOM = 1024
 
@@ -91,71 +84,6 @@ def test_output_that_cannot_be_printed(tmp_path: Path, command: str) -> None:
     assert command == "ccdepth" or "No space left" in ended.stderr
 
 
-def save_suzanne(path: Path, *, compress: bool = True) -> bytes:
-    bpy.ops.mesh.primitive_monkey_add()
-    return save(path, compress=compress).read_bytes()
-
-
-def is_taken(path: Path, content: bytes) -> bool:
-    """Whether the content takes the place of the file; otherwise the file must stay."""
-    path.write_bytes(b"before")
-    try:
-        with written_whole(path) as beside:
-            beside.write_bytes(content)
-    except whole_files.UnwrittenError:
-        assert path.read_bytes() == b"before"
-        return False
-    assert path.read_bytes() == content
-    return True
-
-
-@pytest.mark.every_blender
-@pytest.mark.parametrize("kind", ["plain .blend", "compressed .blend", ".png"])
-def test_a_file_that_is_cut_is_recognised(tmp_path: Path, kind: str) -> None:
-    if kind == ".png":
-        image = bpy.data.images.new("Image", 64, 64)
-        image.filepath_raw, image.file_format = str(tmp_path / "saved.png"), "PNG"
-        image.save()
-        content = (tmp_path / "saved.png").read_bytes()
-        half = len(content) // 2
-        damaged = content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
-    else:
-        content = save_suzanne(tmp_path / "saved.blend", compress=kind.startswith("compressed"))
-        # A hole where a part could not be written, with the end in its place again. Blocks have even sizes: the hole's
-        # is odd, as a hole that holds whole blocks and nothing else is not seen.
-        damaged = content[: len(content) // 3] + content[len(content) // 3 + 4097 :]
-    path = tmp_path / f"out.{kind.partition('.')[2]}"
-    assert is_taken(path, content)
-    length = len(content)
-    for size in {0, 5, 12, 20, 40, min(64 * 1024, length - 1), length // 2, length - 30, length - 1}:
-        assert not is_taken(path, content[:size]), size
-    for changed in (damaged, content + b"\0"):
-        assert not is_taken(path, changed)
-    assert len(list(tmp_path.iterdir())) == 2
-
-
-def no_links(*_arguments: object) -> None:
-    raise PermissionError("this file system has no links")
-
-
-@pytest.mark.parametrize("has_links", [True, False])
-def test_permissions_and_old_versions_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_links: bool) -> None:
-    if not has_links:
-        monkeypatch.setattr(os, "link", no_links)
-    content = save_suzanne(tmp_path / "saved.blend")
-    path = tmp_path / "out.blend"
-    for number in range(4):
-        path.write_bytes(f"version {number}".encode())
-        path.chmod(0o640)
-        with written_whole(path, backups=2) as beside:
-            beside.write_bytes(content)
-        assert path.read_bytes() == content
-        assert path.stat().st_mode & 0o777 == 0o640
-    assert (tmp_path / "out.blend1").read_bytes() == b"version 3"
-    assert (tmp_path / "out.blend2").read_bytes() == b"version 2"
-    assert not (tmp_path / "out.blend3").exists()
-
-
 @pytest.mark.parametrize("name", ["link.stl", "link.obj", "link.blend", "link.json"])
 @pytest.mark.parametrize("is_there", [True, False])
 def test_a_link_is_replaced_and_decides_the_format(tmp_path: Path, name: str, is_there: bool, capfd: Capture) -> None:
@@ -194,26 +122,43 @@ def test_a_full_disk_is_told_whatever_was_made_of_it(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("hindered", ["", "os.link", "whole_files.refuse_existing"])
-def test_a_file_that_comes_meanwhile_stays(tmp_path: Path, hindered: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As when two runs write to one place: the file system has no links, and the file comes after the look for it."""
-    if hindered == "os.link":
-        monkeypatch.setattr(os, "link", no_links)
-    elif hindered:
-        monkeypatch.setattr(whole_files, "refuse_existing", lambda *_arguments: None)
+@pytest.mark.every_blender
+@pytest.mark.parametrize("is_compressed", [False, True])
+def test_a_blend_file_that_is_cut_off_is_recognised(tmp_path: Path, is_compressed: bool) -> None:
+    """Cut off anywhere before its last block, which has no content."""
+    bpy.ops.mesh.primitive_monkey_add()
+    name, path = bpy.context.object.name, tmp_path / "cut.blend"
+    content = save(path, compress=is_compressed).read_bytes()
+    check = addon.module("command_line.mesh_files").check_blend
+    check(path, [name])
+    assert not bpy.data.libraries
+    with pytest.raises(Exception, match="it cannot be read back; is the disk full"):
+        check(path, [name, "Nobody"])
+    length = len(content)
+    for size in {0, 5, 12, 20, 40, min(64 * 1024, length // 3), length // 2, 9 * length // 10}:
+        path.write_bytes(content[:size])
+        with pytest.raises(Exception, match="it cannot be read back; is the disk full"):
+            check(path, [name])
+
+
+def test_permissions_stay(tmp_path: Path) -> None:
+    path = tmp_path / "made.obj"
+    path.write_text("before")
+    path.chmod(0o640)
+    with whole_files.written_whole(path) as beside:
+        beside.write_text("after")
+    assert (path.read_text(), path.stat().st_mode & 0o777) == ("after", 0o640)
+
+
+def test_a_file_that_comes_meanwhile_stays(tmp_path: Path) -> None:
     path = tmp_path / "made.obj"
 
-    def write(meanwhile: bool) -> str:
-        with written_whole(path, overwrite=False) as beside:
+    def write() -> None:
+        with whole_files.written_whole(path, overwrite=False) as beside:
             beside.write_text("second")
-            if meanwhile:
-                path.write_text("first")
-        return path.read_text()
+            path.write_text("first")
 
     with pytest.raises(whole_files.UnwrittenError, match="it exists already"):
-        write(meanwhile=True)
+        write()
     assert [each.name for each in tmp_path.iterdir()] == ["made.obj"]
     assert path.read_text() == "first"
-    path.unlink()
-    assert write(meanwhile=False) == "second"
-    assert [each.name for each in tmp_path.iterdir()] == ["made.obj"]
