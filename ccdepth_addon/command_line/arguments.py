@@ -203,7 +203,7 @@ def _add_runs(parser: Parser) -> None:
         "--jobs",
         type=whole_number,
         metavar="N",
-        help="how many files are done at a time, each by another process: a file that crashes Blender fails alone",
+        help="how many files are done at a time, each by another Blender: a file that crashes Blender fails alone",
     )
     parser.add_argument(
         "--verify", type=Path, metavar="REPORT", help="check all that a JSON report says, and do nothing else"
@@ -217,8 +217,8 @@ def _add_runs(parser: Parser) -> None:
         metavar="SECONDS",
         help="the most seconds for one file: a file that takes longer fails; with --jobs, 1 by default",
     )
-    # The mark before the answers of a process that is given the numbers of its files by another.
-    parser.add_argument("--worker", help=argparse.SUPPRESS)
+    # The file that another process lets this one do, by its number, and the report to write.
+    parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
 
 
 def action_of(options: argparse.Namespace) -> str:

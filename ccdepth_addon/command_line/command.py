@@ -19,9 +19,8 @@ import bpy
 from ..ui.printable import printable, printable_lines
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
-from .mesh_files import BLEND
 from .one_file import process_file, refuse_place
-from .processes import answer, given_numbers, own_process, process_files
+from .processes import own_process, process_files
 from .report import FileEntry, Report, csv_text, json_text, stamp
 from .report_page import page
 from .report_reading import ReportError, gathered_reports
@@ -85,8 +84,11 @@ def _execute(
     """Do everything requested; returns whether all is done and every tolerance met."""
     if options.verify is not None:
         return verify(options.verify)
-    if options.worker is not None:
-        _work(options)
+    if options.one is not None:
+        number, path = options.one
+        [(_, entry)] = _one_after_the_other([(int(number), options.files[int(number)])], options, names=True)
+        text = json_text(Report(action_of(options), (entry,)), None, with_pictures=True)
+        Path(path).write_text(text, encoding="utf-8", errors=NOT_UNICODE)
         return True
     for path in (options.json, options.csv, options.html):
         if path not in (None, STANDARD_OUTPUT):
@@ -124,16 +126,6 @@ def _make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as fault:
         raise CommandError(f"{path}: the folder cannot be made: {fault.strerror}") from fault
-
-
-def _work(options: Namespace) -> None:
-    """Do the files that another process gives, and answer with the entry of each, up to the first failed .blend file:
-    half-read data may break the files after it."""
-    sources = ((number, options.files[number]) for number in given_numbers())
-    for number, entry in _one_after_the_other(sources, options, names=True):
-        print(answer(options.worker, entry), flush=True)
-        if entry.error is not None and options.files[number].suffix.lower() == BLEND:
-            return
 
 
 def _one_after_the_other(
@@ -204,7 +196,7 @@ def _write_reports(report: Report, options: Namespace, standard_output: TextIO) 
 def _standard_output(options: Namespace) -> Iterator[TextIO]:
     """The standard output. With a report there, everything else goes to the standard error from then on, including
     Blender's own last lines."""
-    if options.worker is not None or STANDARD_OUTPUT not in (options.json, options.csv, options.html):
+    if options.one is not None or STANDARD_OUTPUT not in (options.json, options.csv, options.html):
         yield sys.stdout
         return
     sys.stdout.flush()

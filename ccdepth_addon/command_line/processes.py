@@ -1,27 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several Blenders, each doing one file after the other.
-
-Each is started with the same command line and ``--worker MARK``. Its standard input gives the numbers of files as
-lines. It answers each with a line of its standard output, after the mark, which nothing else prints. Its standard input
-ends with the process that started it, and the worker then ends as well.
-"""
+"""Several Blenders, each doing one file: the same command line with ``--one NUMBER REPORT`` does only the file of that
+number, and writes its entry to a report."""
 
 from __future__ import annotations
 
-import os
-import pickle
-import signal
 import subprocess
 import sys
-from _thread import interrupt_main
 from argparse import Namespace
-from base64 import b64decode, b64encode
-from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Generator, Sequence
 from contextlib import suppress
-from queue import SimpleQueue
-from secrets import token_hex
-from threading import TIMEOUT_MAX, Thread, Timer
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic, sleep
 
 import bpy
@@ -29,11 +19,25 @@ import bpy
 from .arguments import output_of
 from .blender_calls import CommandError
 from .report import FileEntry, stamp
+from .report_reading import ReportError, read_report
 from .scripted_drivers import ENDS
 from .whole_files import remove_left
 
-# The time for a process to end by itself, in seconds.
-GRACE = 5.0
+# Seconds between looks at the processes, and the seconds for a process to end by itself.
+SECONDS_BETWEEN_LOOKS, GRACE = 0.05, 10.0
+
+
+@dataclass
+class _Run:
+    """The run of a file. log: its output, the standard error included."""
+
+    number: int
+    source: Path
+    output: Path | None
+    report: Path
+    log: Path
+    process: subprocess.Popen[bytes]
+    begin: float
 
 
 def own_process(command: str) -> list[str]:
@@ -49,135 +53,62 @@ def own_process(command: str) -> list[str]:
 def process_files(
     process: Sequence[str], options: Namespace, arguments: Sequence[str]
 ) -> Generator[tuple[int, FileEntry]]:
-    """Do the files in other processes, several at a time: yields the number and the entry of each, in the order of
+    """Do each file in another process, several at a time: yields the number and the entry of each, in the order of
     their ends. The output about a file is printed when the file is done. arguments: the command line."""
-    mark = token_hex()
-    command = [*process, f"--worker={mark}", *arguments]
-    workers = [_Worker(command, mark, options) for _ in options.files[: options.jobs]]
-    idle: SimpleQueue[_Worker] = SimpleQueue()
-    for worker in workers:
-        idle.put(worker)
-
-    def done(number: int) -> tuple[int, FileEntry, str]:
-        worker = idle.get()
+    waiting, running = list(reversed(range(len(options.files)))), list[_Run]()
+    with TemporaryDirectory() as folder:
         try:
-            return number, *worker.done(number)
-        except Exception as fault:
-            # Whatever it is, the other files are done.
-            return number, worker.failed(number, str(fault)), ""
+            while waiting or running:
+                while waiting and len(running) < options.jobs:
+                    running.append(_begun(process, options, arguments, waiting.pop(), Path(folder)))
+                sleep(SECONDS_BETWEEN_LOOKS)
+                for each in [each for each in running if _has_ended(each, options.file_timeout)]:
+                    running.remove(each)
+                    print(each.log.read_text(encoding="utf-8", errors="replace"), end="", flush=True)
+                    yield each.number, _entry(each, options.file_timeout)
         finally:
-            idle.put(worker)
-
-    with ThreadPoolExecutor(len(workers)) as pool:
-        try:
-            for ended in as_completed([pool.submit(done, number) for number in range(len(options.files))]):
-                number, entry, output = ended.result()
-                print(output, end="", flush=True)
-                yield number, entry
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in workers:
-                worker.let_end()
-            for worker in workers:
-                worker.end()
+            for each in running:
+                each.process.terminate()
+            for each in running:
+                with suppress(subprocess.TimeoutExpired):
+                    each.process.wait(GRACE)
+                each.process.kill()
 
 
-def given_numbers() -> Iterator[int]:
-    """The numbers of files from the process that started this one. Once that process has gone, work on a file is broken
-    off."""
-    numbers: SimpleQueue[int | None] = SimpleQueue()
-
-    def read() -> None:
-        for line in sys.stdin:
-            numbers.put(int(line))
-        numbers.put(None)
-        interrupt_main(signal.SIGTERM)
-        sleep(GRACE)
-        os._exit(signal.SIGTERM)
-
-    Thread(target=read, daemon=True).start()
-    while (number := numbers.get()) is not None:
-        yield number
+def _begun(process: Sequence[str], options: Namespace, arguments: Sequence[str], number: int, folder: Path) -> _Run:
+    source, report, log = options.files[number], folder / f"{number}.json", folder / f"{number}.txt"
+    command = [*process, "--one", str(number), str(report), *arguments]
+    with log.open("wb") as file:
+        started = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT)
+    return _Run(number, source, output_of(source, options), report, log, started, monotonic())
 
 
-def answer(mark: str, entry: FileEntry) -> str:
-    """The line that answers with the entry of a file."""
-    return f"{mark}{b64encode(pickle.dumps(entry)).decode()}"
+def _has_ended(run: _Run, limit: float | None) -> bool:
+    """Whether the process has ended; after the time limit it is killed."""
+    if limit and monotonic() - run.begin >= limit:
+        run.process.kill()
+        run.process.wait()
+    return run.process.poll() is not None
 
 
-class _Worker:
-    """A process for files, replaced by another after a file that ends it."""
+def _entry(run: _Run, limit: float | None) -> FileEntry:
+    """The entry of a file, with its paths as given; of a process that has written none, the failure."""
+    try:
+        [entry] = read_report(run.report).files
+    except ReportError:
+        if run.output is not None:
+            remove_left(run.output)
+        return FileEntry(stamp(run.source, None), error=_failure(run, limit))
+    source = entry.source and replace(entry.source, path=run.source)
+    if run.output is None or entry.output is None:
+        return replace(entry, source=source)
+    companions = (replace(each, path=run.output.with_suffix(each.path.suffix)) for each in entry.companions)
+    return replace(entry, source=source, output=replace(entry.output, path=run.output), companions=tuple(companions))
 
-    def __init__(self, command: Sequence[str], mark: str, options: Namespace) -> None:
-        self._command, self._mark, self._options = command, mark, options
-        self._process: subprocess.Popen[str] | None = None
-        self._may_start = True
 
-    def done(self, number: int) -> tuple[FileEntry, str]:
-        """The entry of a file, and the output printed meanwhile. If the process ends meanwhile after other files, which
-        may be to blame, a new process tries the file once more."""
-        is_new, begin, limit = self._process is None, monotonic(), self._options.file_timeout
-        if self._process is None:
-            self._process = subprocess.Popen(
-                self._command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                encoding="utf-8",
-                errors="replace",
-            )
-        process = self._process
-        entry, output = self._answered(process, number)
-        if entry is not None:
-            return entry, output
-        status, self._process = process.wait(), None
-        if limit and monotonic() - begin >= limit:
-            return self.failed(number, f"it was not done within {limit:g} seconds"), output
-        if self._may_start and not is_new:
-            return self.done(number)
-        last = next((line.strip() for line in reversed(output.split("\n")) if line.strip()), "it printed nothing")
-        return self.failed(number, f"Blender ended with status {status}: {last}"), output
-
-    def _answered(self, process: subprocess.Popen[str], number: int) -> tuple[FileEntry | None, str]:
-        """A process's entry of a file, None if the process ends before, and the output printed meanwhile."""
-        assert process.stdin is not None
-        assert process.stdout is not None
-        output, timer = "", Timer(min(self._options.file_timeout or 0.0, TIMEOUT_MAX), process.kill)
-        if self._options.file_timeout:
-            timer.start()
-        try:
-            with suppress(BrokenPipeError):
-                print(number, file=process.stdin, flush=True)
-            for line in process.stdout:
-                # Blender's own output need not end with a line break.
-                text, mark, said = line.partition(self._mark)
-                output += text
-                if mark:
-                    return pickle.loads(b64decode(said)), output
-        finally:
-            timer.cancel()
-        return None, output
-
-    def failed(self, number: int, error: str) -> FileEntry:
-        source = self._options.files[number]
-        output = output_of(source, self._options)
-        if output is not None:
-            # Whatever the process has left there goes.
-            remove_left(output)
-        return FileEntry(stamp(source, None), error=error)
-
-    def let_end(self) -> None:
-        """Tell the process that there is nothing more to do."""
-        self._may_start = False
-        if self._process is not None and self._process.stdin is not None:
-            with suppress(BrokenPipeError):
-                self._process.stdin.close()
-
-    def end(self) -> None:
-        """Wait for the end of the process, and end it if it does not end by itself."""
-        process = self._process
-        if process is not None:
-            try:
-                process.wait(2 * GRACE)
-            except subprocess.TimeoutExpired:
-                process.kill()
+def _failure(run: _Run, limit: float | None) -> str:
+    if limit and monotonic() - run.begin >= limit:
+        return f"it was not done within {limit:g} seconds"
+    lines = run.log.read_text(encoding="utf-8", errors="replace").split("\n")
+    last = next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
+    return f"Blender ended with status {run.process.returncode}: {last}"
