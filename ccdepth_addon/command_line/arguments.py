@@ -185,7 +185,7 @@ def _add_outputs(parser: Parser) -> None:
         "--picture",
         type=Path,
         metavar="PNG",
-        help="render the heat map of the depths with its legend; with --subdivide, of the distances proved",
+        help="render the heat map of the depths; with --subdivide, of the distances proved",
     )
     add("--json", metavar="FILE", help="write a report that can be checked again; - for standard output")
     add("--csv", metavar="FILE", help="write a table with a row for each object; - for standard output")

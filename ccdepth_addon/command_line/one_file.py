@@ -40,7 +40,7 @@ from .mesh_files import (
 )
 from .missing_inputs import missing_inputs
 from .report import Chosen, Distances, FileEntry, ObjectEntry, ReportPictures, stamp
-from .report_text import print_measured, settings_text
+from .report_text import print_measured
 from .whole_files import PNG, UnwrittenError, refuse_existing, written_whole
 from .written_meshes import Edges, measured_distances, read_written, shown_triangles
 
@@ -78,9 +78,8 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     entries = tuple(each for each, _ in outcomes)
     entry = FileEntry(stamped, entries, error=error, chosen=chosen, left_out=left_out)
     if options.picture is not None:
-        title = shown[0].name if source is None else source.stem
         with _written(options.picture, options) as path:
-            picture.render(bpy.context, shown, path, title, settings_text(shown))
+            picture.render(bpy.context, shown, path)
     if options.html is not None or options.pictures:
         entry = replace(entry, pictures=tuple(map(_report_pictures, shown)))
     if output is not None:
@@ -95,7 +94,7 @@ def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"picture{picture.WEBP if picture.has_webp() else PNG}"
         for look in (picture.Look.HEAT_MAP, picture.Look.WIREFRAME):
-            picture.render(bpy.context, [shown], path, shown.name, settings_text([shown]), look, picture.SMALL)
+            picture.render(bpy.context, [shown], path, look, picture.SMALL)
             pictures.append(path.read_bytes())
     return ReportPictures(tuple((row.depth, row.faces) for row in shown.data.ccdepth.rows), *pictures)
 

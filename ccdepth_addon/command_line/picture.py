@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A picture of the heat map with its legend, or of the edges alone, rendered without a display or a graphics card.
+"""A picture of the heat map, or of the edges alone, rendered without a display or a graphics card.
 
 Everything is laid out in a temporary scene with the picture as its XY plane, one unit to the pixel, seen from straight
-above by an orthographic camera. Surfaces glow in their own colours, so the legend's colours are exact to the last bit.
+above by an orthographic camera. Surfaces glow in their own colours.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from enum import Enum, auto
 from math import cos, radians, sin
 from pathlib import Path
@@ -25,10 +24,7 @@ from ..exchange.evaluated import Evaluated, evaluated
 from ..exchange.face_values import has_values
 from ..exchange.modifiers import counted_modifiers
 from ..state import heat_map, mesh_values
-from ..state.colors import to_linear
 from ..state.heat_map import Shown
-from ..ui.legend_contents import Color, Legend, legend
-from ..ui.legend_layout import Style, column
 from .blender_calls import CommandError, temporary_data
 from .picture_materials import emission_material, give_material, surface_material
 
@@ -36,8 +32,6 @@ WIDTH, HEIGHT = 1600, 1000
 # The size of pictures in a report, as a part of --picture's: as wide as the page.
 SMALL = 0.65
 MARGIN = 70
-LEGEND_WIDTH = 250
-TITLE_HEIGHT = 130
 SAMPLES = 16
 
 # A quarter of the size of a .png file, without a visible loss.
@@ -50,15 +44,7 @@ PNG_END = b"IEND\xaeB`\x82"
 AZIMUTH = radians(32)
 ELEVATION = radians(18)
 
-TITLE_SIZE = 44
-TEXT_SIZE = 24
-# The size of the legend, in parts of its size in the 3D View, and the width of a letter, as a part of the font's size.
-LEGEND_SIZE, LETTER_WIDTH = 2.2, 0.55
-
 BACKGROUND_COLOR = (0.035, 0.036, 0.040)
-TITLE_COLOR = (0.90, 0.90, 0.90)
-TEXT_COLOR = (0.62, 0.62, 0.62)
-STYLE_COLORS = {Style.TEXT: TITLE_COLOR, Style.HEADING: TEXT_COLOR}
 EDGE_COLOR = (0.008, 0.008, 0.010)
 SURFACE_COLOR = (0.60, 0.61, 0.63)
 
@@ -72,7 +58,7 @@ STAMPS = ("date", "time", "render_time", "frame", "scene", "camera", "filename")
 
 
 class Look(Enum):
-    """The look of a picture: the colours of the results, with their legend, or the edges on a surface of one colour."""
+    """The look of a picture: the colours of the results, or the edges on a surface of one colour."""
 
     HEAT_MAP = auto()
     WIREFRAME = auto()
@@ -82,8 +68,6 @@ def render(
     context: bpy.types.Context,
     objects: Sequence[bpy.types.Object],
     path: Path,
-    title: str,
-    subtitle: str,
     look: Look = Look.HEAT_MAP,
     size: float = 1.0,
 ) -> None:
@@ -98,9 +82,8 @@ def render(
         raise CommandError("there are no depths to make a picture of")
     kind = heat_map.last_kind(shown[0].data)
     assert kind is not None
-    colored = [obj for obj in shown if heat_map.has_shown(obj.data, kind)]
     counted = {each: counted_modifiers(each, use_modifiers=each.data.ccdepth.use_modifiers) for each in shown}
-    kinds = ("scenes", "objects", "meshes", "curves", "cameras", "materials")
+    kinds = ("scenes", "objects", "meshes", "cameras", "materials")
     with temporary_data(*kinds), evaluated(context, counted) as copies:
         scene = _new_scene(size)
         if path.suffix == WEBP:
@@ -111,11 +94,6 @@ def render(
         fit = _fitting(meshes, matrices)
         for mesh, matrix in zip(meshes, matrices, strict=True):
             _add_surface(scene, mesh, fit @ matrix, look)
-        if look is Look.HEAT_MAP:
-            # Title and subtitle replace its notes.
-            _add_legend(scene, replace(legend(context.scene, kind, colored), notes=[], alert=""))
-        _add_text(scene, title, TITLE_SIZE, TITLE_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE)
-        _add_text(scene, subtitle, TEXT_SIZE, TEXT_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE - 46)
         _write_picture(scene, path)
 
 
@@ -150,7 +128,10 @@ def _new_scene(size: float) -> bpy.types.Scene:
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
     scene.camera = _add_object(scene, "Camera", _new_camera(), Matrix.Translation((WIDTH / 2, HEIGHT / 2, 2 * WIDTH)))
-    _add_rectangle(scene, 0, 0, WIDTH, HEIGHT, BACKGROUND_COLOR, z=-2 * WIDTH)
+    background = bpy.data.meshes.new("Background")
+    background.from_pydata([(0, 0, 0), (WIDTH, 0, 0), (WIDTH, HEIGHT, 0), (0, HEIGHT, 0)], [], [(0, 1, 2, 3)])
+    give_material(background, emission_material())
+    _add_object(scene, "Background", background, Matrix.Translation((0, 0, -2 * WIDTH)), BACKGROUND_COLOR)
     return scene
 
 
@@ -183,14 +164,14 @@ def _colored_mesh(
 
 
 def _fitting(meshes: list[bpy.types.Mesh], matrices: list[Matrix]) -> Matrix:
-    """The matrix that scales and moves the objects, turned to the viewer, into the space beside the texts."""
+    """The matrix that scales and moves the objects, turned to the viewer, into the picture."""
     seen = np.concatenate([_seen_positions(*pair) for pair in zip(meshes, matrices, strict=True)])
     least, largest = seen.min(axis=0), seen.max(axis=0)
     middle, extent = (least + largest) / 2, largest - least
-    space = np.array([WIDTH - 3 * MARGIN - LEGEND_WIDTH, HEIGHT - 2 * MARGIN - TITLE_HEIGHT])
+    space = np.array([WIDTH - 2 * MARGIN, HEIGHT - 2 * MARGIN])
     # A line or a point, as seen by the viewer, still gets into the picture, and nothing comes before the camera.
     scale = min((space / np.maximum(extent[:2], extent.max() / 100 + 1e-30)).min(), WIDTH / max(extent[2], 1e-30))
-    centre = Matrix.Translation((MARGIN + space[0] / 2, MARGIN + space[1] / 2, 0.0))
+    centre = Matrix.Translation((WIDTH / 2, HEIGHT / 2, 0.0))
     return centre @ Matrix.Scale(scale, 4) @ Matrix.Translation(-middle)
 
 
@@ -227,55 +208,8 @@ def _add_edges(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, wid
     wireframe.use_boundary = True
 
 
-def _add_legend(scene: bpy.types.Scene, wanted: Legend) -> None:
-    """Draw the legend of the 3D View, as large as there is room."""
-    largest = column(wanted, LEGEND_SIZE, _width)
-    room = min(1.0, LEGEND_WIDTH / largest.width, (HEIGHT - 2 * MARGIN) / largest.height)
-    layout = column(wanted, LEGEND_SIZE * room, _width)
-    x, y = WIDTH - MARGIN - layout.width, (HEIGHT - layout.height) / 2
-    filled = [
-        # Materials take linear colours.
-        *((place, tuple(to_linear(np.array(color)).tolist())) for place, color in layout.swatches),
-        *((tick, TEXT_COLOR) for tick in layout.ticks),
-    ]
-    for (left, bottom, right, top), color in filled:
-        _add_rectangle(scene, x + left, y + bottom, x + right, y + top, color)
-    for text, along, up, style, ends_there in layout.texts:
-        align = "RIGHT" if ends_there else "LEFT"
-        _add_text(scene, text, layout.font_size, STYLE_COLORS[style], x + along, y + up, align)
-
-
-def _width(text: str, size: float) -> float:
-    """The approximate width of a text: without a window Blender measures no text before evaluating it."""
-    return LETTER_WIDTH * size * len(text)
-
-
-def _add_rectangle(
-    scene: bpy.types.Scene, left: float, bottom: float, right: float, top: float, color: Color, z: float = WIDTH
-) -> None:
-    mesh = bpy.data.meshes.new("Rectangle")
-    mesh.from_pydata([(left, bottom, 0), (right, bottom, 0), (right, top, 0), (left, top, 0)], [], [(0, 1, 2, 3)])
-    give_material(mesh, emission_material())
-    _add_object(scene, "Rectangle", mesh, Matrix.Translation((0, 0, z)), color)
-
-
-def _add_text(
-    scene: bpy.types.Scene, text: str, size: float, color: Color, x: float, y: float, align: str = "LEFT"
-) -> None:
-    curve = bpy.data.curves.new("Text", "FONT")
-    curve.body = text
-    curve.size = size
-    curve.align_x = align
-    if align == "LEFT":
-        # Whatever is too long for the picture is made smaller.
-        curve.overflow = "SCALE"
-        curve.text_boxes[0].width, curve.text_boxes[0].height = WIDTH - x - MARGIN, 1.5 * size
-    give_material(curve, emission_material())
-    _add_object(scene, "Text", curve, Matrix.Translation((x, y, WIDTH)), color)
-
-
 def _add_object(
-    scene: bpy.types.Scene, name: str, data: Any, matrix: Matrix, color: Color = (1.0, 1.0, 1.0)
+    scene: bpy.types.Scene, name: str, data: Any, matrix: Matrix, color: tuple[float, ...] = (1.0, 1.0, 1.0)
 ) -> bpy.types.Object:
     added = bpy.data.objects.new(name, data)
     added.matrix_world = matrix

@@ -15,14 +15,14 @@ LIGHT = (-0.40, 0.55, 0.73)
 
 
 def give_material(data: Any, material: bpy.types.Material) -> None:
-    """Give a mesh or a curve a single material."""
+    """Give a mesh a single material."""
     data.materials.clear()
     data.materials.append(material)
 
 
 def emission_material() -> bpy.types.Material:
     """A material that glows in its object's colour."""
-    material, _nodes, emission = _new_emission("CC Depth Legend")
+    material, _nodes, emission = _new_emission("CC Depth Glow")
     source = material.node_tree.nodes.new("ShaderNodeObjectInfo")
     material.node_tree.links.new(source.outputs["Color"], emission.inputs["Color"])
     return material

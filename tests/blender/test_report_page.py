@@ -86,6 +86,7 @@ def save_nasty(folder: Path) -> Path:
     scene.add_object(meshes.cube(), NASTY)
     other = scene.add_object(meshes.cube(), "Other")
     other.location.x = 5.0
+    other.scale.z = 2.0
     return save(folder / "cubes & <b>'bold'.blend")
 
 
@@ -189,7 +190,7 @@ SHADES = np.linspace(materials.SHADOW, 1.0, 21)
 
 def render(path: Path, holder: bpy.types.Object, size: float = 1.0) -> NDArray[np.float32]:
     """(height, width, 3): the sRGB colours of a picture, the top row first."""
-    picture.render(bpy.context, [holder], path, "Title", "Subtitle", size=size)
+    picture.render(bpy.context, [holder], path, size=size)
     return pixels_of(path, (round(size * picture.WIDTH), round(size * picture.HEIGHT)))
 
 
@@ -197,36 +198,22 @@ def colorful(pixels: NDArray[np.float32]) -> NDArray[np.bool_]:
     return pixels.max(axis=2) - pixels.min(axis=2) > 0.2
 
 
-def count_color(pixels: NDArray[np.float32], color: tuple[float, ...]) -> int:
-    return int((np.abs(pixels - np.array(color)).max(axis=2) < 1.5 / 255).sum())
-
-
-def split(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The part with the objects, and the part with the legend."""
-    border = picture.WIDTH - picture.MARGIN - picture.LEGEND_WIDTH
-    return pixels[picture.TITLE_HEIGHT + picture.MARGIN :, : border - 1], pixels[:, border - 1 :]
-
-
 @pytest.mark.every_blender
-def test_the_legend_has_the_exact_colour_of_every_depth_and_the_file_stays_as_it_is(tmp_path: Path) -> None:
+def test_the_file_of_a_picture_stays_as_it_is(tmp_path: Path) -> None:
     suzanne = scene.add_suzanne()
     suzanne.modifiers.new("Mirror", "MIRROR")
     scene.add_subdivision(suzanne, 1)
     addon.compute(suzanne, tolerance=0.01)
     engine = bpy.context.scene.render.engine
     with snapshot.unchanged():
-        _, legend = split(render(tmp_path / "picture.png", suzanne))
+        assert colorful(render(tmp_path / "picture.png", suzanne)).any()
     assert bpy.context.scene.render.engine == engine
-    depths = addon.histogram(suzanne)
-    assert len(depths) > 2
-    for color in colors.depth_colors([*depths]):
-        assert count_color(legend, color) > 500
 
 
 def test_faces_have_the_hues_of_their_depths(tmp_path: Path) -> None:
     cube = scene.add_object(meshes.cube())
     addon.compute(cube, tolerance=0.01)
-    objects, _ = split(render(tmp_path / "picture.png", cube))
+    objects = render(tmp_path / "picture.png", cube)
     [depth] = addon.histogram(cube)
     [color] = colors.depth_colors([depth])
     seen = objects[colorful(objects)]
@@ -241,11 +228,7 @@ def test_faces_have_the_hues_of_their_depths(tmp_path: Path) -> None:
 
 def test_an_adaptive_mesh_has_the_colours_of_its_distances(tmp_path: Path) -> None:
     [result] = subdivide(scene.add_object(meshes.cube()), tolerance=0.2)
-    objects, legend = split(render(tmp_path / "picture.png", result))
-    for fraction in (0.0, 0.25, 0.5, 0.75, 1.0):
-        [color] = colors.scale_colors(np.array([fraction]))
-        # Strips are nearly four pixels high, and the tolerance is marked across the last one.
-        assert count_color(legend, color) > 40
+    objects = render(tmp_path / "picture.png", result)
     bounds = addon.bounds(result).astype(np.float64)
     lit = colors.to_linear(colors.scale_colors(bounds / result.data.ccdepth.world_tolerance))
     shades = (lit[:, None] * SHADES[:, None]).reshape(-1, 3)
@@ -279,7 +262,7 @@ def test_its_name_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     holder = scene.add_object(meshes.cube())
     addon.compute(holder)
     path = Path(folder) / "picture.png"
-    picture.render(bpy.context, [holder], path, "Title", "Subtitle", size=picture.SMALL)
+    picture.render(bpy.context, [holder], path, size=picture.SMALL)
     assert [each for each in Path().rglob("*") if each.is_file()] == [path]
 
 
