@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The check of a report: it does not contradict itself, its files have not changed, and its claims are proved once
-more. docs/report.md has a table of how each field is checked."""
+more, as docs/report.md says."""
 
 from __future__ import annotations
 
@@ -10,10 +10,7 @@ from math import inf, isclose
 from pathlib import Path
 
 import bpy
-import numpy as np
 
-from ..exchange.displayed_mesh import shown_modifiers
-from ..exchange.modifiers import applied_modifiers
 from ..operators.measure_deviation import surface_object
 from ..state.properties import set_scene_tolerance
 from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement
@@ -26,17 +23,14 @@ from .mesh_files import BLEND, load, scene_unit, unit_of
 from .one_file import as_held, evaluated_objects, measure_settings, surfaces_of, with_answer
 from .report import ROUNDING, FileEntry, FileStamp, ObjectEntry, Report, stamp
 from .report_reading import read_report
-from .written_meshes import GLB, STL, measured_distances, read_written
+from .written_meshes import measured_distances, read_written
 
 # Measure Deviation does not distinguish distances below this part of the tolerance from zero (docs/deviation.md).
 PART_OF_TOLERANCE = 1e-3
 
-# More levels than a Subdivision Surface modifier has.
-MOST_LEVELS = 16
-
-# The fields with the same value, and the fields that may be larger than proved now; distances differ by ROUNDING.
-EXACT = ("faces", "vertices", "result", "result_faces", "triangles", "closed", "oriented")
-AT_LEAST = ("deepest", "level")
+# The numbers that are the same, and the numbers that may be larger than proved now; lengths differ by ROUNDING.
+EXACT = ("faces", "triangles", "closed", "oriented")
+AT_LEAST = ("deepest", "level", "proved")
 
 
 def verify(path: Path) -> bool:
@@ -64,9 +58,8 @@ def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
     yield from faults
     if faults:
         return
-    largest = max(each.tolerance for each in entry.objects)
     for said, found in zip(entry.objects, _found_anew(report.action, entry), strict=True):
-        for difference in _differences(said, found, largest):
+        for difference in _differences(said, found):
             yield f"{said.name}: {difference}"
 
 
@@ -114,28 +107,34 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
     output, scene = entry.output, scene_unit(bpy.context.scene)
     if output is not None:
         _refuse_other_output(output, scene)
-    targets = [] if output is None or action not in MAKING else surfaces_of(objects)
-    keep_modifiers = [_keeps_modifiers(each) for each in objects]
-    found = _computed_anew(action, entry.objects, objects)
     if action == MEASURE:
+        found = [_unmeasured(said, each) for said, each in zip(entry.objects, objects, strict=True)]
         settings = measure_settings(None)
-        tasks = [prepare_measurement(bpy.context, [each], surface_object(each), settings) for each in objects]
-        parts = [part for task in tasks for part in task.measured]
-        return [_measured_anew(*each, scene) for each in zip(entry.objects, found, tasks, parts, strict=True)]
+        targets = [prepare_measurement(bpy.context, [each], surface_object(each), settings) for each in objects]
+        parts = [part for task in targets for part in task.measured]
+        return [_measured_anew(*each, scene) for each in zip(entry.objects, found, targets, parts, strict=True)]
+    targets = surfaces_of(objects) if output is not None and action in MAKING else []
+    if action == SUBDIVIDE:
+        # Adaptive meshes are not made again: the facts about their making stay as reported.
+        found = [
+            replace(_unmeasured(said, each), deepest=said.deepest or 0, proved=said.proved or 0.0)
+            for said, each in zip(entry.objects, objects, strict=True)
+        ]
+    else:
+        found = [each for each, _ in ACTIONS[action](objects, settings_of(action))]
     if output is None or output.metres_per_unit is None or not targets:
         return found
     written = {each.result or each.name: each.triangles or 0 for each in entry.objects}
     parts = read_written(output.path, output.metres_per_unit / scene, written)
-    found = [
+    return [
         as_held(_measured_anew(*each, scene), each[-1])
         for each in zip(entry.objects, found, targets, parts, strict=True)
     ]
-    if action == SUBDIVIDE:
-        found = [
-            each if keeps else _as_written(each, part, output, scene)
-            for each, part, keeps in zip(found, parts, keep_modifiers, strict=True)
-        ]
-    return found
+
+
+def _unmeasured(said: ObjectEntry, blender_object: bpy.types.Object) -> ObjectEntry:
+    """The entry of an object to be measured."""
+    return ObjectEntry(said.name, said.settings, said.tolerance, len(blender_object.data.polygons))
 
 
 def _refuse_other_output(output: FileStamp, scene: float) -> None:
@@ -146,45 +145,6 @@ def _refuse_other_output(output: FileStamp, scene: float) -> None:
     _refuse_other_unit(output, scene if is_blend else unit_of(output.path, output.metres_per_unit))
 
 
-def _keeps_modifiers(blender_object: bpy.types.Object) -> bool:
-    """Whether an adaptive mesh of the object has visible modifiers, so that the written mesh is another."""
-    use_modifiers = bpy.context.scene.ccdepth.use_modifiers
-    applied = applied_modifiers(blender_object, use_modifiers=use_modifiers)
-    return any(each not in applied for each in shown_modifiers(blender_object))
-
-
-def _computed_anew(
-    action: str, entries: Sequence[ObjectEntry], objects: Sequence[bpy.types.Object]
-) -> list[ObjectEntry]:
-    """The entries of meshes that are not measured, found anew. Entries of adaptive meshes, which are not made again,
-    keep the reported facts of their making."""
-    settings = settings_of(action)
-    if action not in (SUBDIVIDE, MEASURE):
-        found = [each for each, _ in ACTIONS[action](objects, settings)]
-        return [_at_the_level(*pair) for pair in zip(entries, found, strict=True)]
-    found = [
-        ObjectEntry(said.name, settings, said.tolerance, len(each.data.polygons))
-        for said, each in zip(entries, objects, strict=True)
-    ]
-    if action == MEASURE:
-        return found
-    return [
-        replace(
-            each, result=said.result or "", result_faces=said.result_faces or 0, deepest=said.deepest or 0, proved=0.0
-        )
-        for said, each in zip(entries, found, strict=True)
-    ]
-
-
-def _at_the_level(said: ObjectEntry, found: ObjectEntry) -> ObjectEntry:
-    """The entry found anew, with the number of faces at the reported level if a lower level is proved: each level has
-    four faces for one, and the first a face for each corner."""
-    more = min(said.level or 0, MOST_LEVELS) - (found.level or 0)
-    if more <= 0 or found.result_faces is None:
-        return found
-    return replace(found, result_faces=found.result_faces * 4**more if found.level else said.result_faces)
-
-
 def _measured_anew(
     said: ObjectEntry, found: ObjectEntry, target: MeasureTask, part: Measured, unit: float
 ) -> ObjectEntry:
@@ -193,26 +153,6 @@ def _measured_anew(
     surface = replace(target.surface, tolerance=min(tolerance, _told(said) / unit))
     answer = measured_distances(replace(target, surface=surface), part, measure_settings(None))
     return with_answer(found, replace(answer, tolerance=tolerance), unit)
-
-
-def _as_written(found: ObjectEntry, part: Measured, output: FileStamp, scene: float) -> ObjectEntry:
-    """The entry of an adaptive mesh with the faces of the file, and with the least distance that can have been proved
-    before writing.
-
-    The file holds the proved mesh but for roundings. Writer and reader place the mesh with matrices in single
-    precision, at most a dozen roundings of 2⁻²⁴ in each of three coordinates: √3 · 12 · 2⁻²⁴ < 1.3e-6 of the largest
-    coordinate. .obj files have six decimals: √3 / 2 · 1e-6 of a unit. Twice ROUNDING of both is more.
-    """
-    assert found.measured is not None
-    assert output.metres_per_unit is not None
-    size = float(np.abs(part.shown.positions_from(np.zeros(3))).max()) * scene
-    least = max(0.0, found.measured.reached - ROUNDING * 2 * (size + output.metres_per_unit))
-    # Other files hold triangles alone, of which there are no fewer than faces.
-    if output.path.suffix.lower() in (STL, GLB):
-        faces = min(found.result_faces or 0, len(part.shown.triangles.corners))
-    else:
-        faces = len(np.unique(part.shown.triangles.faces))
-    return replace(found, result_faces=faces, proved=least)
 
 
 def _told(said: ObjectEntry) -> float:
@@ -264,23 +204,15 @@ def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
         raise CommandError(f"the settings in the report cannot be used: {fault}") from fault
 
 
-def _differences(said: ObjectEntry, found: ObjectEntry, largest: float) -> Iterator[str]:
-    """The differences of an object from the report. largest: the largest tolerance of the objects in its file."""
+def _differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str]:
+    """The differences of an object from the report."""
     wrong = [name for name in EXACT if getattr(said, name) != getattr(found, name)]
     wrong += [name for name in AT_LEAST if not _is_at_least(getattr(said, name), getattr(found, name))]
+    if said.proved is not None and (said.deepest, said.level) != (found.deepest, found.level):
+        # A version that proves lower depths proves other distances.
+        wrong = [name for name in wrong if name != "proved"]
     if not isclose(said.tolerance, found.tolerance, rel_tol=ROUNDING):
         wrong.append("tolerance")
-    # A version that proves lower depths and levels reports other distances and frames.
-    is_lower = any(getattr(said, name) != getattr(found, name) for name in AT_LEAST)
-    one, other = said.worst_frame, found.worst_frame
-    if (one is None) != (other is None) or (one != other and not is_lower):
-        wrong.append("worst_frame")
-    # Over frames the tolerance told is the smallest one, if they differ.
-    is_smallest = other is not None and said.settings["tolerance_mode"] == "RELATIVE"
-    most = inf if is_smallest or found.proved is None else max(largest, found.proved)
-    least = 0.0 if is_lower and found.proved is not None else found.proved
-    if not _is_at_least(said.proved, least) or (said.proved or 0.0) > most * (1 + ROUNDING):
-        wrong.append("proved")
     for name in wrong:
         yield f"the report says {name} {getattr(said, name)}, but it is {getattr(found, name)}"
     yield from _measured_differences(said, found)
