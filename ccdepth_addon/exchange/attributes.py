@@ -41,7 +41,7 @@ from ..core import (
     to_rotation_vectors,
 )
 from .blender_arrays import TYPES, ValueType, find_attribute, read_values, write_attribute, write_values
-from .face_values import BOUND, COLOR, DEPTH, DEVIATION, color_of_user
+from .face_values import BOUND, COLOR, DEPTH, DEVIATION
 from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
 
 Values = NDArray[Any]
@@ -251,7 +251,7 @@ def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
         if copy is not None:
             copy.active, copy.active_render, copy.active_clone = layer.active, layer.active_render, layer.active_clone
     for choice in ("active_color_name", "default_color_name"):
-        name = color_of_user(base, getattr(base.attributes, choice))
+        name = getattr(base.attributes, choice)
         setattr(mesh.attributes, choice, name if name in mesh.attributes else "")
     active = base.attributes.active
     if active is not None and active.name in mesh.attributes:

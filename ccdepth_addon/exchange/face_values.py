@@ -154,10 +154,8 @@ def read_face_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any]:
 
 
 def remove_all(mesh: bpy.types.Mesh) -> None:
-    """Remove all our attributes from the mesh; if our colours were displayed or rendered, the user's colours replace
-    them."""
+    """Remove all our attributes from the mesh; other colours are displayed and rendered in place of ours."""
     attributes = mesh.attributes
-    chosen = {name: getattr(attributes, name) for name in ("active_color_name", "default_color_name")}
     with _active_kept(mesh):
         if mesh.is_editmode:
             _remove_layers_while_editing(mesh)
@@ -166,8 +164,10 @@ def remove_all(mesh: bpy.types.Mesh) -> None:
                 if has_values(mesh, kind):
                     attributes.remove(attributes[kind.name])
             mesh.update()
-        for name, color in chosen.items():
-            setattr(attributes, name, color_of_user(mesh, color))
+    others = [attribute.name for attribute in mesh.color_attributes if attribute.name != COLOR]
+    for choice in ("active_color_name", "default_color_name"):
+        if getattr(attributes, choice) == COLOR:
+            setattr(attributes, choice, next(iter(others), ""))
 
 
 def _remove_layers_while_editing(mesh: bpy.types.Mesh) -> None:
@@ -185,25 +185,6 @@ def write_colors(mesh: bpy.types.Mesh, colors: NDArray[np.float32]) -> None:
 
     Raises WriteError, with nothing changed, if Blender does not keep the colours.
     """
-    attributes, displayed = mesh.attributes, mesh.attributes.active_color_name
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-    try:
-        write_face_values(mesh, {COLOR_KIND: np.repeat(colors, sizes, axis=0)})
-    except BaseException:
-        attributes.active_color_name = displayed
-        raise
-    if displayed != COLOR:
-        mesh.ccdepth.previous_active_color = displayed
-        attributes.active_color_name = COLOR
-    mesh.update()
-
-
-def color_of_user(mesh: bpy.types.Mesh, name: str) -> str:
-    """The name of the user's colours in place of a name that may be ours: the colours displayed before, or the first
-    colours, as Blender chooses when colours are removed."""
-    if name != COLOR:
-        return name
-    before = mesh.ccdepth.previous_active_color
-    # Blender also displays colours of faces and edges, though it does not list them among the colours.
-    others = [attribute.name for attribute in mesh.color_attributes if attribute.name != COLOR]
-    return before if before in mesh.attributes else next(iter(others), "")
+    write_face_values(mesh, {COLOR_KIND: np.repeat(colors, sizes, axis=0)})
+    mesh.attributes.active_color_name = COLOR

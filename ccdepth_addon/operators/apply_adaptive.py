@@ -9,7 +9,6 @@ from ..state.heat_map import Shown
 from .adaptive_operator import MakingOperator
 from .job import Steps
 from .place_results import place_meshes
-from .scene_objects import notes_on_collections
 from .selected_meshes import hidden_fault, refuse, selected_meshes
 
 
@@ -37,8 +36,6 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
                 edited[:] = [made_object.session_uid for made_object, *_ in placed]
         heat_map.show(context, Shown.DISTANCE)
         self.report_skipped(context)
-        if not in_place:
-            notes += notes_on_collections([(made_object, source) for made_object, source, _ in placed])
         self.report_made(made, notes, [made_object for made_object, *_ in placed])
         return {"FINISHED"}
 

@@ -8,7 +8,6 @@ from typing import Any
 import bmesh
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import BoolArray, IndexArray
 from ..exchange.blender_arrays import find_attribute, read_values
@@ -107,10 +106,3 @@ def _select_while_editing(mesh: bpy.types.Mesh, faces: BoolArray, extend: bool) 
         edited.faces[face].select_set(True)
     edited.select_flush_mode()
     bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
-
-
-def face_points(mesh: bpy.types.Mesh, face: int) -> NDArray[np.float64]:
-    """(n, 3): the corners of a face in object space."""
-    if mesh.is_editmode:
-        return np.array([corner.co for corner in _edited(mesh).faces[face].verts])
-    return np.array([mesh.vertices[vertex].co for vertex in mesh.polygons[face].vertices])

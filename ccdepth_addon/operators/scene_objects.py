@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects in the scene: linked beside others, with notes on what else uses both, shown in local view, and hidden."""
+"""Objects in the scene: linked beside others, shown in local view, and hidden."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import bpy
-
-# The types of data-blocks that can take all objects of a collection: by instances, modifiers, nodes or particles.
-TAKERS = {"OBJECT", "NODETREE", "PARTICLE"}
 
 
 def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.types.Object) -> None:
@@ -19,36 +16,6 @@ def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.
     own = [collection for collection in collections if collection.is_editable and not collection.override_library]
     for collection in own or [context.scene.collection]:
         collection.objects.link(added)
-
-
-def notes_on_collections(pairs: Sequence[tuple[bpy.types.Object, bpy.types.Object]]) -> list[str]:
-    """Notes on collections with a source and its result in them, one for each collection with a user that takes hidden
-    objects as well."""
-    users_of = bpy.data.user_map(subset=bpy.data.collections, value_types=TAKERS)
-    notes = []
-    for collection, users in users_of.items():
-        takers = sorted(user.name for user in users | _rigid_body_scenes(collection) if _takes(user, collection))
-        members = set(collection.all_objects) if takers else set()
-        if any(members.issuperset(pair) for pair in pairs):
-            notes.append(
-                f"“{collection.name}” has source and result in it, and “{takers[0]}” uses both, though the source is "
-                "hidden; take one of them out"
-            )
-    return notes
-
-
-def _rigid_body_scenes(collection: bpy.types.Collection) -> set[bpy.types.ID]:
-    """The scenes with the collection for their rigid bodies or constraints."""
-    worlds = {scene: scene.rigidbody_world for scene in bpy.data.scenes if scene.rigidbody_world}
-    return {scene for scene, world in worlds.items() if collection in (world.collection, world.constraints)}
-
-
-def _takes(user: bpy.types.ID, collection: bpy.types.Collection) -> bool:
-    """Whether a user of a collection takes its objects: a light, or an empty that shows no instances, does not."""
-    if not isinstance(user, bpy.types.Object):
-        return True
-    is_instance = user.instance_type == "COLLECTION" and user.instance_collection == collection
-    return is_instance or len(user.modifiers) > 0
 
 
 def show_in_local_view(context: bpy.types.Context, blender_object: bpy.types.Object) -> None:

@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty
 from ..exchange.face_values import DEPTH_KIND, read_face_values
 from ..state import mesh_values
 from . import face_selection
-from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
+from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse, selected_meshes
 
 COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 
@@ -40,12 +40,24 @@ class CCDEPTH_OT_select(QuickOperator):
         default="EQUAL",
         options={"SKIP_SAVE"},
     )
+    edit: BoolProperty(
+        name="Edit",
+        description="Enter Edit Mode with the selected faces, as from the window",
+        default=False,
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
     extend: BoolProperty(name="Extend", description="Add to the selection", default=False, options={"SKIP_SAVE"})
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
         has_any = any(mesh_values.has_depths(obj.data) for obj in selected_meshes(context))
         return None if has_any else "Compute Depth first"
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        active = context.active_object
+        can_edit = active in selected_meshes(context) and mesh_fault(active.data) is None
+        self.edit = context.mode == "OBJECT" and can_edit
+        return self.execute(context)
 
     def act(self, context: bpy.types.Context) -> set[str]:
         meshes = dict.fromkeys(obj.data for obj in selected_meshes(context) if mesh_values.has_depths(obj.data))
@@ -56,6 +68,9 @@ class CCDEPTH_OT_select(QuickOperator):
         for mesh in meshes:
             wanted = COMPARISONS[self.comparison](read_face_values(mesh, DEPTH_KIND), self.depth)
             selected += face_selection.select_faces(mesh, wanted, extend=self.extend)
+        if self.edit:
+            context.scene.tool_settings.mesh_select_mode = (False, False, True)
+            bpy.ops.object.mode_set(mode="EDIT")
         face_selection.choose_face_mode(context)
         self.report({"INFO"}, f"{count_text(selected, 'face', 'faces')} selected")
         return {"FINISHED"}

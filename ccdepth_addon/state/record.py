@@ -64,7 +64,7 @@ class Measurement(Inputs, bpy.types.PropertyGroup):
 
 
 class MeshRecord(Inputs, bpy.types.PropertyGroup):
-    """The outcomes on this mesh, their inputs, and the colours to restore.
+    """The outcomes on this mesh, and their inputs.
 
     On an adaptive mesh ``subdivision`` is set, and the depth of a face is the depth of its base face.
     """
@@ -103,4 +103,3 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
     )
     deviation_reached: FloatProperty(description="A distance that was found", subtype="DISTANCE")
     measurement: PointerProperty(type=Measurement)
-    previous_active_color: StringProperty(description="The colours that were displayed before ours")

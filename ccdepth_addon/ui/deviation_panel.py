@@ -9,7 +9,7 @@ from ..state import mesh_values, out_of_date, result_record
 from ..state.properties import tolerance_name
 from ..state.still_holds import measured_to_show
 from .facts import draw_facts, facts_of_measurement
-from .panels import draw_main_button, draw_selecting, draw_state_line
+from .panels import draw_main_button, draw_state_line
 from .sidebar import SidebarPanel, settings_column
 
 # The icon and the text of each verdict.
@@ -79,7 +79,8 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     draw_facts(box, facts_of_measurement(context.scene, measured))
     if not found.accuracy_met:
         box.label(text="Accuracy not reached", icon="TIME")
-    row = draw_selecting(layout, context, "ccdepth.select_worst", "FACESEL")
+    row = layout.row(align=True)
+    row.operator("ccdepth.select_worst", icon="FACESEL")
     row.operator("ccdepth.select_worst", text="", icon="ZOOM_SELECTED").frame = True
 
 

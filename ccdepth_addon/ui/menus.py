@@ -22,7 +22,6 @@ ENTRIES = (
     None,
     ("ccdepth.select", "RESTRICT_SELECT_OFF"),
     ("ccdepth.select_worst", "FACESEL"),
-    ("ccdepth.edit_faces", "EDITMODE_HLT"),
     ("ccdepth.select_invalid", "ERROR"),
     ("ccdepth.repair", "TOOL_SETTINGS"),
 )

@@ -103,7 +103,7 @@ class CCDEPTH_PT_analyse(SidebarPanel, bpy.types.Panel):
             draw_object_rows(layout, objects, lambda each: stale_line(settings, each.data, each))
         if objects:
             _draw_histogram(layout, objects)
-            draw_selecting(layout, context, "ccdepth.select", "RESTRICT_SELECT_OFF")
+            layout.operator("ccdepth.select", icon="RESTRICT_SELECT_OFF")
             layout.operator("ccdepth.set_levels", icon="MODIFIER")
             _draw_too_deep(layout, settings, objects)
 
@@ -130,7 +130,7 @@ def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     if faces:
         column = layout.column(align=True)
         draw_alert(column, f"{faces:,} invalid {'face' if faces == 1 else 'faces'}")
-        draw_selecting(column, context, "ccdepth.select_invalid", "RESTRICT_SELECT_OFF")
+        column.operator("ccdepth.select_invalid", icon="RESTRICT_SELECT_OFF")
         column.operator("ccdepth.repair", icon="TOOL_SETTINGS")
 
 
@@ -196,17 +196,6 @@ def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> No
     button = layout.column()
     button.scale_y = 1.4
     button.operator(operator, icon=icon)
-
-
-def draw_selecting(
-    layout: bpy.types.UILayout, context: bpy.types.Context, operator: str, icon: str
-) -> bpy.types.UILayout:
-    """A button that selects faces, and beside it in Object Mode a button for editing the selected faces."""
-    row = layout.row(align=True)
-    row.operator(operator, icon=icon)
-    if context.mode == "OBJECT":
-        row.operator("ccdepth.edit_faces", text="", icon="EDITMODE_HLT")
-    return row
 
 
 def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:

@@ -311,7 +311,6 @@ def test_results_of_ours_are_not_carried() -> None:
     mesh = compare(holder).mesh
     assert not any(attribute.name.startswith("ccdepth") for attribute in mesh.attributes)
     assert not mesh.ccdepth.has_result
-    assert mesh.attributes.active_color_name == "Second"
     assert holder.data.ccdepth.has_result
 
 

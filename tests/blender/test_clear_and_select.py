@@ -21,6 +21,11 @@ from tests.blender.updating import made_result
 pytestmark = pytest.mark.every_blender
 
 
+# The heat map, and after our colours were displayed the colours that Blender displays and renders.
+def is_unlike(path: tuple[str, ...]) -> bool:
+    return path[-1] in ("heat_map", "displayed color", "rendered color")
+
+
 DISPLAYED = [((), ""), *((("Paint",), domain) for domain in DOMAINS), (("Base", "Paint"), "CORNER")]
 
 
@@ -34,32 +39,15 @@ def test_clear_leaves_the_mesh_as_it_was(colors: tuple[str, ...], domain: str, e
         attributes.new(name, "BYTE_COLOR", domain)
     if colors:
         attributes.active_color_name, attributes.default_color_name = colors[-1], colors[0]
-    with addon.edit_mode(holder, editing=editing), snapshot.unchanged(lambda path: path[-1] == "heat_map"):
+    with addon.edit_mode(holder, editing=editing), snapshot.unchanged(is_unlike):
         assert bpy.ops.ccdepth.compute() == bpy.ops.ccdepth.measure(time_limit=0.1) == {"FINISHED"}
         assert attributes.active_color_name == (colors[-1] if colors else "")
         assert bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
         assert attributes.active_color_name == "ccdepth_color"
         assert attributes.default_color_name == (colors[0] if colors else "ccdepth_color")
         assert bpy.ops.ccdepth.clear() == {"FINISHED"}
+        assert {attributes.active_color_name, attributes.default_color_name} <= {"", *colors}
     assert addon.is_untouched([holder])
-
-
-def test_colours_chosen_or_removed_since_are_left_alone() -> None:
-    for displayed in ("Other", ""):
-        holder = scene.add_object(meshes.cube())
-        attributes = holder.data.attributes
-        for name in ("Paint", "Other"):
-            attributes.new(name, "BYTE_COLOR", "CORNER")
-        attributes.active_color_name = "Paint"
-        addon.compute(holder)
-        bpy.ops.ccdepth.bake_colors()
-        if displayed:
-            attributes.active_color_name = displayed
-        else:
-            attributes.remove(attributes["Other"])
-            attributes.remove(attributes["Paint"])
-        bpy.ops.ccdepth.clear()
-        assert attributes.active_color_name == displayed
 
 
 def test_clear_works_on_all_selected() -> None:
@@ -91,7 +79,8 @@ def test_select(editing: bool) -> None:
                 assert bpy.ops.ccdepth.select(**call) == {"FINISHED"}
         at_once = faces()
         # Whatever mode it ran in, Edit Mode must show this selection and no more.
-        assert bpy.ops.ccdepth.edit_faces() == {"FINISHED"}
+        bpy.context.scene.tool_settings.mesh_select_mode = (False, False, True)
+        bpy.ops.object.mode_set(mode="EDIT")
         bpy.ops.object.mode_set(mode="OBJECT")
         assert_equal(faces(), at_once)
         return at_once
@@ -105,6 +94,21 @@ def test_select(editing: bool) -> None:
     assert_equal(extended, (depths == least) | (depths == deepest))
     holder.data.polygons.foreach_set("hide", ~visible)
     assert_equal(selected({"depth": 0, "comparison": "AT_LEAST"}), visible)
+
+
+def test_select_by_depth_enters_edit_mode_from_the_window_alone() -> None:
+    """With the faces of the depth selected, whatever the select mode was."""
+    holder = scene.add_object(meshes.landscape(5, 4))
+    addon.compute(holder)
+    bpy.context.scene.tool_settings.mesh_select_mode = (True, False, False)
+    bpy.ops.ccdepth.select()
+    assert bpy.context.mode == "OBJECT"
+    wanted = scene.selected_faces(holder)
+    # As set when it is invoked.
+    bpy.ops.ccdepth.select(edit=True)
+    assert bpy.context.mode == "EDIT_MESH"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert scene.selected_faces(holder) == wanted
 
 
 @pytest.mark.parametrize("name", ["select", "select_worst"])

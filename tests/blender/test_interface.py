@@ -349,6 +349,7 @@ def test_counts_and_shares() -> None:
         assert panels.share_text(faces, total) == text
     record = bpy.data.meshes.new("Nearly all").ccdepth
     record.faces, record.exact_faces, record.method, record.vertices = 100_000, 99_999, "DISTANCE", "LIMIT"
+    record.uniform_level, record.uniform_faces = 1, "400000"
     facts = addon.module("ui.facts").facts_of(bpy.context.scene, record)
     assert facts[-1].value == "99.9 % of faces"
 

@@ -157,7 +157,7 @@ OVERRIDDEN = "the mesh is a library override, on which Blender keeps no attribut
 LINKED = "the mesh is linked from another file"
 
 
-@pytest.mark.parametrize("operator", ["compute", "measure", "edit_faces"])
+@pytest.mark.parametrize("operator", ["compute", "measure"])
 @pytest.mark.parametrize(
     ("kind", "match"),
     [("", LINKED), (KINDS[0], LINKED), (KINDS[1], OVERRIDDEN), (KINDS[2], LINKED), (KINDS[3], OVERRIDDEN)],

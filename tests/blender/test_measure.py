@@ -12,7 +12,6 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from mathutils import Quaternion, Vector
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
@@ -343,27 +342,6 @@ def test_the_worst_face_is_selected_and_framed(editing: bool) -> None:
     np.testing.assert_allclose(view().view_location, found.worst_point, rtol=1e-6)
     holder.data.polygons[found.worst_face].hide = True
     assert bpy.ops.ccdepth.select_worst() == {"CANCELLED"}
-
-
-@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (0.5, 3.0, 1.0), (-1.0, 1.0, 2.0), (-1.0, -2.0, -1.0)])
-@in_both_modes
-def test_framing_shows_the_front_of_the_face(editing: bool, scale: tuple[float, float, float]) -> None:
-    """The vector from the middle of a convex object to the face points out, whatever its corners say."""
-    holder = subdivided_cube()
-    holder.rotation_euler, holder.scale = (0.3, 0.5, 0.7), scale
-    addon.measure(holder)
-    outwards = Vector(holder.data.ccdepth.measurement.worst_point) - holder.matrix_world.translation
-    view().view_rotation = behind = outwards.to_track_quat("-Z", "Y")
-    with addon.edit_mode(holder, editing=editing):
-        bpy.ops.ccdepth.select_worst()
-        assert view().view_rotation.rotation_difference(behind).angle < 1e-3, "it is not asked to move"
-        bpy.ops.ccdepth.select_worst(frame=True)
-        turned = view().view_rotation.copy()
-        assert outwards.normalized().dot(turned @ Vector((0.0, 0.0, 1.0))) > 0.2
-        # A view that shows the face stays as it is.
-        view().view_rotation = seen = turned @ Quaternion((1.0, 0.0, 0.0), 0.5)
-        bpy.ops.ccdepth.select_worst(frame=True)
-        assert view().view_rotation.rotation_difference(seen).angle < 1e-3
 
 
 def test_a_distance_within_the_tolerance_is_not_reported_as_more() -> None:
