@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import current_thread, main_thread
 from typing import Any
 
 import bpy
@@ -25,6 +26,12 @@ def remove_handlers(handlers: Handlers) -> None:
     """Let Blender no longer call functions."""
     for name, handler in handlers:
         getattr(bpy.app.handlers, name).remove(handler)
+
+
+def is_of_window(depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether an update is of a window: renders and exporters evaluate in threads and dependency graphs of their own,
+    which must not touch timers and data of the graphics card."""
+    return depsgraph.mode == "VIEWPORT" and current_thread() is main_thread()
 
 
 def call_soon(function: Callable[[], None]) -> None:

@@ -12,6 +12,7 @@ import bpy
 from .. import version
 from ..state.colors import depth_colors
 from ..state.properties import VERTEX_TEXTS
+from ..ui.facts import share_text
 from ..ui.lengths import DIGITS, Rounding
 from ..ui.printable import printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
@@ -250,15 +251,15 @@ def _histogram(faces_by_depth: Sequence[tuple[int, int]]) -> str:
     """A bar for each depth, in its colour; nothing without known depths."""
     if not faces_by_depth:
         return ""
-    total, most = (function(faces for _, faces in faces_by_depth) for function in (sum, max))
+    total = sum(faces for _, faces in faces_by_depth)
     bars = []
     for row, (depth, faces) in enumerate(faces_by_depth):
-        width = max(1.0, BAR_WIDTH * faces / most)
+        width = max(1.0, BAR_WIDTH * faces / total)
         top, baseline = row * ROW_HEIGHT, row * ROW_HEIGHT + BAR_HEIGHT - 4
         bars.append(
             f'<text x="{BAR_LEFT - 10}" y="{baseline}" text-anchor="end">{depth}</text>'
             f'<rect x="{BAR_LEFT}" y="{top}" width="{width:.1f}" height="{BAR_HEIGHT}" rx="2" fill="{_color(depth)}"/>'
-            f'<text x="{BAR_LEFT + width + 8:.1f}" y="{baseline}">{faces:,} ({faces / total:.1%})</text>'
+            f'<text x="{BAR_LEFT + width + 8:.1f}" y="{baseline}">{_text(share_text(faces, total))}</text>'
         )
     width, height = BAR_LEFT + BAR_WIDTH + TEXT_WIDTH, ROW_HEIGHT * len(faces_by_depth)
     return (

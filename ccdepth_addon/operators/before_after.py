@@ -62,8 +62,7 @@ def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
         return results
     source = result_record.source_of(blender_object)
     if source is None:
-        name = blender_object.ccdepth.source_name
-        raise ComputeError(f"{blender_object.name}: its source “{name}” has been removed from the file")
+        raise ComputeError(f"{blender_object.name}: its source has been removed from the file")
     return [source]
 
 

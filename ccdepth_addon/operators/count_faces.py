@@ -36,7 +36,7 @@ class CCDEPTH_OT_count_faces(CountingOperator):
 
     bl_idname = "ccdepth.count_faces"
     bl_label = "Count Faces"
-    bl_options: ClassVar[set[str]] = {"REGISTER"}
+    bl_options: ClassVar[set[str]] = set()
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         tasks = yield from self.read(context)

@@ -3,7 +3,6 @@
 
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar
 
 import bpy
 
@@ -20,7 +19,6 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
 
     bl_idname = "ccdepth.find_tolerance"
     bl_label = "Find Tolerance"
-    bl_options: ClassVar[set[str]] = {"UNDO"}
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         if self.face_budget > self.max_faces:

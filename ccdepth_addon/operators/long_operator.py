@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import bpy
 import numpy as np
@@ -45,13 +46,10 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
     # Whether to save the file as soon as it contains nothing temporary.
     _is_save_wanted = False
 
+    # Without REGISTER: Adjust Last Operation would run all of it again at once, with a dead window.
+    bl_options: ClassVar[set[str]] = {"UNDO"}
+
     tolerance: properties.absolute_tolerance_property()
-    # The same number for the redo panel, where a fraction of the diagonal must not be shown in metres.
-    relative_tolerance: properties.relative_tolerance_property(
-        get=lambda self: self.tolerance,
-        set=lambda self, value: setattr(self, "tolerance", value),
-        options={"HIDDEN", "SKIP_SAVE"},
-    )
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         """Read the objects, compute, and write the whole answer or nothing; returns the status of ``execute``. At any
@@ -86,7 +84,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             self.cancel(context)
             self.report({"INFO"}, f"{self.bl_label} was cancelled, and nothing was changed")
             return {"CANCELLED"}
-        if event.type == "S" and event.value == "PRESS" and (event.ctrl or event.oskey):
+        if asks_to_save(event):
             self._is_save_wanted = True
         if event.type == "TIMER":
             try:
@@ -108,15 +106,6 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         if self._run is not None:
             self._run.give_up()
         self._end()
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
-        layout.prop(self, "tolerance_mode")
-        layout.prop(self, "relative_tolerance" if self.tolerance_mode == "RELATIVE" else "tolerance")
-        for name in properties.setting_names(type(self)):
-            if name != "tolerance_mode" and (name != "frame_list" or self.frames == "CUSTOM"):
-                layout.prop(self, name)
 
     def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
         self._take_settings(context.scene.ccdepth)
@@ -145,8 +134,6 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             raise
         self._end()
         known.note_refused({})
-        if self.options.is_repeat:
-            self._keep_settings(context.scene.ccdepth)
         return outcome
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
@@ -180,11 +167,11 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         if not self.properties.is_property_set("tolerance"):
             self.tolerance = getattr(settings, properties.tolerance_name(self.tolerance_mode))
 
-    def _keep_settings(self, settings: bpy.types.PropertyGroup) -> None:
-        """Write the settings of the redo panel to the scene."""
-        for name in properties.setting_names(type(self)):
-            setattr(settings, name, getattr(self, name))
-        properties.set_scene_tolerance(settings, self.tolerance)
+
+def asks_to_save(event: bpy.types.Event) -> bool:
+    """Whether an event is the shortcut for Save; with Shift or Alt it is that of Save As or another one."""
+    is_shortcut = (event.ctrl or event.oskey) and not (event.shift or event.alt)
+    return bool(event.type == "S" and event.value == "PRESS" and is_shortcut)
 
 
 def _present(context: bpy.types.Context) -> frozenset[int]:

@@ -78,8 +78,7 @@ def surface_object(measured: bpy.types.Object) -> bpy.types.Object:
         return measured
     source = result_record.source_of(measured)
     if source is None or source.type != "MESH":
-        name = measured.ccdepth.source_name
-        raise ComputeError(f"{measured.name}: its source “{name}” has been removed")
+        raise ComputeError(f"{measured.name}: its source has been removed")
     return source
 
 

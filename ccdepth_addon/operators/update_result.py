@@ -62,8 +62,12 @@ class CCDEPTH_OT_update(UpdatingOperator):
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
-        if any(result_record.is_result(each) or out_of_date.has_results(each) for each in selected_meshes(context)):
+        selected = selected_meshes(context)
+        results = [each for each in selected if result_record.is_result(each)]
+        if any(map(result_record.source_of, results)) or any(map(out_of_date.has_results, selected)):
             return None
+        if results:
+            return "The source of the result has been removed"
         return "Select a result of Apply Adaptive Subdivision, or the object it came from"
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
@@ -134,9 +138,9 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
 def _source_fault(result: bpy.types.Object, together: Collection[bpy.types.Object], use_modifiers: bool) -> str | None:
     """The reason why a result cannot be made anew from its source, or None. together: all results made anew."""
     source = result_record.source_of(result)
-    called = f"its source “{result.ccdepth.source_name if source is None else source.name}”"
     if source is None:
-        return f"{called} has been removed from the file"
+        return "its source has been removed from the file"
+    called = f"its source “{source.name}”"
     if source.type != "MESH":
         return f"{called} is not a mesh any more"
     if source.data == result.data:

@@ -110,7 +110,6 @@ def write_adaptive(
     record.subdivision = settings.mode
     record.base_faces = answer.task.surface.control.face_count
     record.largest_bound = float(bounds.max(initial=0.0))
-    record.uniform_faces = str(answer.uniform_faces)
 
 
 def _new_record(

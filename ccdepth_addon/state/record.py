@@ -86,9 +86,7 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
     added_deepest: IntProperty(description="The deepest depth of faces that modifiers add from no face of the mesh")
     rows: CollectionProperty(type=DepthRow)
     # A decimal number: it soon outgrows Blender's 32-bit integers.
-    uniform_faces: StringProperty(
-        description="Faces of the mesh subdivided to the uniform level; on a subdivision, to the deepest depth"
-    )
+    uniform_faces: StringProperty(description="Faces of the mesh subdivided to the uniform level")
     uniform_level: IntProperty(
         description="The first level at which all faces are within the tolerance; -1 where it is not known", default=-1
     )

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
+from ..registration import add_handlers, call_soon, do_not_call, is_of_window, remove_handlers
 from . import viewports
 
 
@@ -61,6 +61,8 @@ def _tell(answers: list[object]) -> None:
 
 @persistent
 def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    if not is_of_window(depsgraph):
+        return
     for update in depsgraph.updates:
         holder = update.id.original
         if isinstance(holder, bpy.types.Object) and (update.is_updated_geometry or update.is_updated_transform):
@@ -69,8 +71,8 @@ def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
 
 @persistent
 def _notice_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    # Renders are evaluated in threads of their own, which must not touch timers, and the shown frame stays.
-    if depsgraph.mode == "RENDER":
+    # In renders the shown frame stays.
+    if not is_of_window(depsgraph):
         return
     _notice_updates(scene, depsgraph)
     _tell([client.frame_changed() for client in clients])

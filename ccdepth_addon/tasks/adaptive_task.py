@@ -113,11 +113,6 @@ class AdaptiveAnswer:
         # An object that is dominated has no larger distances, in parts of its tolerance.
         return (bounds + self.task.allowance) * (self.world_tolerance / self.task.surface.tolerance)
 
-    @property
-    def uniform_faces(self) -> int:
-        """The number of faces of the control mesh with all of it subdivided to the deepest depth."""
-        return self.task.surface.control.faces_at(int(self.adaptive.depths.max(initial=0)))
-
 
 def prepare_adaptive(
     context: bpy.types.Context,

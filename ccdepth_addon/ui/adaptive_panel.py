@@ -42,9 +42,9 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
         if not chosen_meshes(context):
             _draw_left_hidden(layout, context)
         _draw_face_count(layout, context)
-        row = layout.row(align=True)
-        row.prop(settings, "face_budget")
-        row.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
+        budget = layout.column(align=True)
+        budget.prop(settings, "face_budget")
+        budget.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
         column = settings_column(layout)
         output = column.column()
         output.active = not results or settings.subdivide_results
@@ -74,7 +74,7 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
     """The state of an adaptive mesh, its source, and its facts."""
     settings, source = context.scene.ccdepth, result_record.source_of(made)
     if result_record.is_result(made) and source is None:
-        draw_state_line(layout, f"“{made.ccdepth.source_name}” has been removed")
+        draw_state_line(layout, "Its source has been removed")
     else:
         draw_state_line(layout, result_line(settings, made))
     if source is not None:

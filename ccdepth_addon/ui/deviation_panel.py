@@ -30,12 +30,13 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
             return
         layout, mesh = self.layout, holder.data
         verdict = mesh.ccdepth.measurement.verdict
-        icon, text = VERDICTS[verdict]
+        icon, _ = VERDICTS[verdict]
         if stale_line(context.scene.ccdepth, mesh):
-            icon, text = "ERROR", "Out of Date"
+            icon = "ERROR"
         row = layout.row()
         row.alert = icon in {"CANCEL", "ERROR"}
-        row.label(text=text, icon=icon)
+        # In a narrow panel a word would stand over the title.
+        row.label(text="", icon=icon)
         layout.operator("ccdepth.clear", text="", icon="X", emboss=False)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -76,6 +77,10 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     found = mesh.ccdepth.measurement
     box = layout.box().column()
     draw_state_line(box, stale_line(settings, mesh))
+    icon, text = VERDICTS[found.verdict]
+    verdict = box.row()
+    verdict.alert = icon == "CANCEL"
+    verdict.label(text=text, icon=icon)
     draw_facts(box, facts_of_measurement(context.scene, measured))
     if not found.accuracy_met:
         box.label(text="Accuracy not reached", icon="TIME")

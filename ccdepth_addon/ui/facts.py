@@ -99,11 +99,6 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
         ),
         Fact("Tolerance", tolerance, ALLOWED),
         Fact("Largest Distance", largest, proved),
-        Fact(
-            f"Faces at Depth {record.deepest}",
-            short_count(int(record.uniform_faces)),
-            "How many faces the whole mesh would have at the depth of its most divided part",
-        ),
     ]
 
 
@@ -157,6 +152,14 @@ def _exact_text(exact: int, faces: int) -> str:
     if exact == faces:
         return "All faces"
     return f"{min(100 * exact / faces, 99.9):.1f} % of faces"
+
+
+def share_text(faces: int, total: int) -> str:
+    """A number of faces and its share, neither rounded down to none nor up to all."""
+    share = 100 * faces / total
+    if faces < total:
+        share = min(share, 99.9)
+    return f"{faces:,}  ({'< 0.1' if 0 < share < 0.1 else f'{share:.1f}'} %)"
 
 
 def short_count(count: int) -> str:

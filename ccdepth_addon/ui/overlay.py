@@ -18,7 +18,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..exchange.displayed_mesh import DisplayedMesh
-from ..registration import add_handlers, remove_handlers
+from ..registration import add_handlers, is_of_window, remove_handlers
 from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, on_scale, shown, top
 from .overlay_items import Item, items, read_item
@@ -266,8 +266,7 @@ def _new_ramp() -> gpu.types.GPUTexture:
 @persistent
 def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     global _object_count
-    # Renders are evaluated in threads of their own, which must not touch data of the graphics card.
-    if depsgraph.mode != "VIEWPORT":
+    if not is_of_window(depsgraph):
         return
     _lists.clear()
     # An update of a mesh comes with updates of its users.

@@ -16,7 +16,7 @@ from ..state.colors import depth_colors
 from ..state.mesh_values import too_deep
 from ..state.properties import tolerance_name
 from ..tasks.frames import chosen_frames
-from .facts import count_fact, draw_facts, facts_of, totals
+from .facts import count_fact, draw_facts, facts_of, share_text, totals
 from .manual import draw_manual_button
 from .selected_objects import faces_by_depth, refused_objects, with_depths
 from .sidebar import SidebarPanel, draw_alert, settings_column
@@ -243,25 +243,17 @@ def _draw_object_row(
 
 def _draw_histogram(layout: bpy.types.UILayout, objects: list[bpy.types.Object]) -> None:
     counts = faces_by_depth(objects)
-    most, total = max(counts.values()), sum(counts.values())
+    total = sum(counts.values())
     box = layout.box().column(align=True)
     for depth in sorted(counts, reverse=True):
-        split = box.split(factor=0.22)
-        key = split.row(align=True)
+        value = box.row(align=True)
+        key = value.row(align=True)
+        # Room for two digits, however narrow the panel is.
+        key.ui_units_x = 2.5
         key.label(text=str(depth), icon_value=_swatch(depth_colors([depth])[0]))
-        value = split.row(align=True)
-        # Square roots, so that three faces show beside a hundred thousand.
-        value.progress(text=share_text(counts[depth], total), factor=max((counts[depth] / most) ** 0.5, 0.01))
+        value.progress(text=share_text(counts[depth], total), factor=counts[depth] / total)
         button = value.operator("ccdepth.select", text="", icon="RESTRICT_SELECT_OFF", emboss=False)
         button.depth, button.comparison = depth, "EQUAL"
-
-
-def share_text(faces: int, total: int) -> str:
-    """A number of faces and its share, neither rounded down to none nor up to all."""
-    share = 100 * faces / total
-    if faces < total:
-        share = min(share, 99.9)
-    return f"{faces:,}  ({'< 0.1' if 0 < share < 0.1 else f'{share:.1f}'} %)"
 
 
 def _swatch(color: FloatArray) -> int:

@@ -6,6 +6,7 @@ as Adjust Last Operation does it.
 """
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -217,6 +218,30 @@ def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: b
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
+def test_no_operator_that_can_take_long_is_run_again_by_adjust_last_operation() -> None:
+    """With it, Blender runs all of an operator at once, and Esc is not heard."""
+    long = addon.module("operators.long_operator").LongOperator
+    found = {name: getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CCDEPTH_OT_")}
+    options = {name: kind.bl_options for name, kind in found.items() if issubclass(kind, long)}
+    assert len(options) > 5
+    assert not [name for name, each in options.items() if "REGISTER" in each]
+    assert [name for name, each in options.items() if "UNDO" not in each] == ["CCDEPTH_OT_count_faces"]
+
+
+def test_other_shortcuts_than_save_do_not_save() -> None:
+    asks = addon.module("operators.long_operator").asks_to_save
+    keys = ("type", "value", "ctrl", "oskey", "shift", "alt")
+    for event, wanted in (
+        (("S", "PRESS", True, False, False, False), True),
+        (("S", "PRESS", False, True, False, False), True),
+        (("S", "PRESS", True, False, True, False), False),
+        (("S", "PRESS", True, False, False, True), False),
+        (("S", "PRESS", False, False, False, False), False),
+        (("S", "RELEASE", True, False, False, False), False),
+    ):
+        assert asks(SimpleNamespace(**dict(zip(keys, event, strict=True)))) == wanted, event
+
+
 def computed() -> None:
     addon.compute(scene.add_object(meshes.landscape(5, 4)), tolerance=0.1)
 
@@ -271,9 +296,8 @@ def state() -> snapshot.Snapshot:
 
 @pytest.mark.parametrize("case", CASES)
 def test_it_is_undone_and_redone(case: str) -> None:
-    assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options
     prepare, operator, settings = CASES[case]
-    assert getattr(bpy.types, f"CCDEPTH_OT_{operator}").bl_options >= {"REGISTER", "UNDO"}
+    assert getattr(bpy.types, f"CCDEPTH_OT_{operator}").bl_options >= {"UNDO"}
     prepare()
     bpy.ops.ed.undo_push(message="before")
     before = state()

@@ -4,6 +4,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from typing import Any, Self
 
 import bpy
@@ -677,3 +678,18 @@ def test_nothing_is_left_running() -> None:
     bpy.context.view_layer.update()
     assert bpy.app.timers.is_registered(check)
     assert check() is None
+
+
+def test_updates_of_other_threads_and_graphs_touch_no_timer() -> None:
+    """Exporters and renders evaluate in threads of their own."""
+    watch, holder = addon.module("state.watch"), creased_source()
+    addon.compute(holder)
+    addon.examine_touched()
+    holder.location.x += 1.0
+    # Updated, so that there is something to notice.
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    addon.module("registration").do_not_call(watch.examine)
+    thread = Thread(target=watch._notice_updates, args=(bpy.context.scene, depsgraph))
+    thread.start()
+    thread.join()
+    assert not bpy.app.timers.is_registered(watch.examine)

@@ -246,7 +246,7 @@ def become_a_curve(source: bpy.types.Object, _result: bpy.types.Object) -> None:
 # What becomes of a source and its result, which of them is selected then, settings, and what Update Result says.
 Change = Callable[[bpy.types.Object, bpy.types.Object], object]
 REFUSALS: tuple[tuple[Change, str, dict[str, object], str], ...] = (
-    (lambda source, _: bpy.data.objects.remove(source), "Cage Adaptive", {}, "its source “Cage” has been removed"),
+    (lambda source, _: bpy.data.objects.remove(source), "Cage Adaptive", {}, "source of the result has been removed"),
     (become_a_curve, "Cage Adaptive", {}, "its source “Cage” is not a mesh any more"),
     (lambda source, _: subdivide(source, output="IN_PLACE"), "Cage Adaptive", {}, "was subdivided in place since"),
     (lambda source, result: setattr(source, "data", result.data), "Cage Adaptive", {}, "has the same mesh"),
@@ -541,3 +541,13 @@ def test_what_fails_is_not_tried_again(kept: Kept) -> None:
     assert bpy.ops.ccdepth.update_kept() == {"CANCELLED"}
     assert faces(result) == before
     assert not due()
+
+
+def test_a_source_that_was_renamed_and_deleted_is_named_by_no_old_name() -> None:
+    source, result = made_result()
+    source.name = "Renamed"
+    bpy.data.objects.remove(source)
+    addon.select(result)
+    assert not bpy.ops.ccdepth.update.poll()
+    refuses("before_after", "its source has been removed", result)
+    refuses("measure", "its source has been removed", result)

@@ -6,9 +6,8 @@ The window is the test's to use; nothing here presses a button. The report goes 
 ``CCDEPTH_WINDOW_FACE_LIMIT`` the Face Limit; with ``CCDEPTH_WINDOW_LAST_FRAME`` Suzanne moves until that frame, one of
 the first frames is shown, and depths are those of all of them.
 
-Files beside the report ask for more: one whose name ends in ``.adjust`` holds a tolerance to do the last operation
-again with; one that ends in ``.change`` holds a relative tolerance for the scene, and has all results kept updated; one
-that ends in ``.state`` holds the name of a state of the 3D View.
+Files beside the report ask for more: one whose name ends in ``.change`` holds a relative tolerance for the scene, and
+has all results kept updated; one that ends in ``.state`` holds the name of a state of the 3D View.
 """
 
 import json
@@ -21,7 +20,6 @@ import bpy
 from mathutils import Euler
 
 REPORT = Path(os.environ["CCDEPTH_WINDOW_REPORT"])
-ADJUST = REPORT.with_suffix(".adjust")
 CHANGE = REPORT.with_suffix(".change")
 STATE = REPORT.with_suffix(".state")
 TOLERANCE = os.environ.get("CCDEPTH_WINDOW_TOLERANCE", "")
@@ -210,14 +208,6 @@ def show(state: str) -> None:
     area.tag_redraw()
 
 
-def adjust(tolerance: float) -> None:
-    """What a change in the panel Adjust Last Operation does; the panel itself goes wherever there is room."""
-    window, area, regions = viewport()
-    with bpy.context.temp_override(window=window, area=area, region=regions["WINDOW"]):
-        bpy.context.window_manager.operators[-1].properties.tolerance = tolerance
-        bpy.ops.ed.undo_redo()
-
-
 def change(tolerance: float) -> None:
     """What someone would type and tick in the sidebar, whose fields have no commands by which to find them."""
     bpy.context.scene.ccdepth.relative_tolerance = tolerance
@@ -237,11 +227,6 @@ def tell() -> float:
         state = STATE.read_text()
         STATE.unlink()
         show(state)
-    if ADJUST.exists():
-        tolerance = float(ADJUST.read_text())
-        ADJUST.unlink()
-        adjust(tolerance)
-        return INTERVAL
     if viewport()[2]["UI"].width <= 1 or getattr(viewport()[2]["UI"], "active_panel_category", "") != CATEGORY:
         arrange()
     unfinished = REPORT.with_suffix(".unfinished")
