@@ -11,7 +11,7 @@ from pathlib import Path
 
 import bpy
 
-from ..operators.measure_deviation import surface_object
+from ..state.chosen import surface_object
 from ..state.properties import set_scene_tolerance
 from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement
 from ..ui.printable import printable_lines

@@ -5,11 +5,12 @@ import bpy
 
 from ..exchange.modifiers import left_out_sculpting
 from ..state import heat_map, out_of_date, properties, result_record
+from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from .adaptive_operator import MakingOperator
 from .job import Steps
 from .place_results import place_meshes
-from .selected_meshes import hidden_fault, refuse, selected_meshes
+from .selected_meshes import hidden_fault, refuse
 
 
 class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
@@ -20,7 +21,7 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     bl_label = "Apply Adaptive Subdivision"
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        objects = selected_meshes(context)
+        objects = chosen(context)
         refuse(objects, self._fault)
         settings = result_record.made_with(self, self.tolerance)
         in_place, is_editing = self.output == "IN_PLACE", context.mode == "EDIT_MESH"

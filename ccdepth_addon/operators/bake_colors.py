@@ -7,10 +7,11 @@ import bpy
 
 from ..exchange.face_values import COLOR
 from ..state import heat_map
+from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.surfaces import naming
 from . import edit_mode
-from .selected_meshes import QuickOperator, refuse_what_cannot_be_written, selected_meshes
+from .selected_meshes import QuickOperator, refuse_what_cannot_be_written
 
 
 class CCDEPTH_OT_bake_colors(QuickOperator):
@@ -22,11 +23,11 @@ class CCDEPTH_OT_bake_colors(QuickOperator):
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
-        has_any = any(_kind(each.data, context) for each in selected_meshes(context))
+        has_any = any(_kind(each.data, context) for each in chosen(context))
         return None if has_any else "Compute Depth first"
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        holders = {each.data: each for each in selected_meshes(context) if _kind(each.data, context)}
+        holders = {each.data: each for each in chosen(context) if _kind(each.data, context)}
         refuse_what_cannot_be_written([*holders.values()])
         with edit_mode.left(context):
             for mesh, holder in holders.items():

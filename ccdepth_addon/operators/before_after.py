@@ -4,9 +4,10 @@
 import bpy
 
 from ..state import out_of_date, result_record
+from ..state.chosen import chosen
 from ..tasks.surfaces import ComputeError
 from .scene_objects import can_be_shown, hide, in_local_view, link_beside, show, show_in_local_view
-from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
+from .selected_meshes import QuickOperator, count_text, refuse
 
 # Objects to be hidden, each with the objects to be shown in its place.
 Swapped = dict[bpy.types.Object, list[bpy.types.Object]]
@@ -43,14 +44,14 @@ class CCDEPTH_OT_before_after(QuickOperator):
 
 def _to_hide(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected results, or without any the selected sources of results."""
-    selected = selected_meshes(context)
+    selected = chosen(context)
     results = [each for each in selected if result_record.is_result(each)]
     return results or [each for each in selected if out_of_date.has_results(each)]
 
 
 def _left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The hidden results of deleted sources, where no mesh is selected."""
-    return [] if selected_meshes(context) else result_record.left_hidden(context)
+    return [] if chosen(context) else result_record.left_hidden(context)
 
 
 def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:

@@ -5,7 +5,8 @@ import bpy
 
 from ..exchange.data_blocks import is_writable
 from ..state import mesh_values, viewports
-from .selected_meshes import QuickOperator, selected_meshes
+from ..state.chosen import chosen
+from .selected_meshes import QuickOperator
 
 
 class CCDEPTH_OT_clear(QuickOperator):
@@ -15,14 +16,14 @@ class CCDEPTH_OT_clear(QuickOperator):
     bl_label = "Clear"
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        meshes = {obj.data for obj in selected_meshes(context) if is_writable(obj.data)}
+        meshes = {obj.data for obj in chosen(context) if is_writable(obj.data)}
         cleared = [mesh for mesh in meshes if mesh_values.has_traces(mesh)]
         if not cleared:
             self.report({"INFO"}, "There is nothing to clear")
             return {"CANCELLED"}
         for mesh in cleared:
             mesh_values.clear(mesh)
-        for each in selected_meshes(context):
+        for each in chosen(context):
             if each.data in cleared and each.is_editable:
                 each.ccdepth.measured_against = None
         viewports.redraw(context)

@@ -8,6 +8,7 @@ import bpy
 from ..core import needed_quality
 from ..exchange.modifiers import subdivision_modifier
 from ..state import heat_map, mesh_values, out_of_date, properties
+from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
@@ -15,7 +16,7 @@ from ..tasks.surfaces import Surface
 from ..ui.printable import printable
 from .job import Steps, Work
 from .long_operator import LongOperator
-from .selected_meshes import count_text, refuse_what_cannot_be_written, selected_meshes, still_there
+from .selected_meshes import count_text, refuse_what_cannot_be_written, still_there
 
 
 class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
@@ -25,7 +26,7 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
     bl_label = "Compute Depth"
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        objects = selected_meshes(context)
+        objects = chosen(context)
         refuse_what_cannot_be_written(objects)
         self.end_without(context, objects)
         frames = chosen_frames(context.scene, self.frames, self.frame_list)

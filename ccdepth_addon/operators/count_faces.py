@@ -7,12 +7,13 @@ from typing import ClassVar
 import bpy
 
 from ..state import known, result_record
+from ..state.chosen import chosen
 from ..tasks.adaptive_meshes import count_results, too_many_text
 from ..tasks.adaptive_task import AdaptiveTask, prepare_adaptive
 from ..ui.printable import printable
 from .adaptive_operator import AdaptiveOperator, result_fault
 from .job import Steps, Work
-from .selected_meshes import count_text, hidden_fault, refuse, selected_meshes
+from .selected_meshes import count_text, hidden_fault, refuse
 
 
 class CountingOperator(AdaptiveOperator):
@@ -20,7 +21,7 @@ class CountingOperator(AdaptiveOperator):
 
     def read(self, context: bpy.types.Context) -> Steps[list[AdaptiveTask]]:
         """Read the objects, or for results the sources of Update Result; returns the tasks. Raises ComputeError."""
-        objects = selected_meshes(context)
+        objects = chosen(context)
         sources = [result_record.control_object(each) for each in objects]
         faults = {
             each: hidden_fault(each) or result_fault(each, source)

@@ -11,9 +11,10 @@ from ..exchange.blender_arrays import read_built_in, write_values
 from ..exchange.control_mesh import read_control_mesh
 from ..exchange.evaluated import NO_ORIGIN
 from ..state import known
+from ..state.chosen import chosen
 from ..tasks.surfaces import Faults
 from . import face_selection
-from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse, selected_meshes
+from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse
 
 
 class CCDEPTH_OT_select_invalid(QuickOperator):
@@ -80,7 +81,7 @@ def _move_to_origin(mesh: bpy.types.Mesh) -> int:
 def _invalid_faces(context: bpy.types.Context) -> dict[bpy.types.Mesh, IndexArray]:
     """The faces at fault, ascending, of each mesh with any. Raises ComputeError, naming the objects, if only meshes as
     a whole are at fault."""
-    objects = selected_meshes(context)
+    objects = chosen(context)
     faults = Faults(objects)
     found: dict[bpy.types.Mesh, IndexArray] = {}
     for each in objects:

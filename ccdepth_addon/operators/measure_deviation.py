@@ -8,16 +8,17 @@ from functools import partial
 
 import bpy
 
-from ..state import heat_map, mesh_values, out_of_date, properties, result_record, still_holds
+from ..state import heat_map, mesh_values, out_of_date, properties, still_holds
+from ..state.chosen import to_measure
 from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
-from ..tasks.surfaces import ComputeError, naming
+from ..tasks.surfaces import naming
 from ..ui.facts import deviation_text
 from ..ui.lengths import Rounding, bound_texts, common_unit, length_text
 from ..ui.printable import printable
 from .job import Steps, Work
 from .long_operator import LongOperator
-from .selected_meshes import refuse_what_cannot_be_written, selected_meshes, still_there
+from .selected_meshes import refuse_what_cannot_be_written, still_there
 
 # The cause of an early end of a measurement, by whether it was the Time Limit.
 ENDED = {
@@ -35,15 +36,21 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
     bl_label = "Measure Deviation"
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        target, objects = _target_and_measured(context)
+        wanted = to_measure(context)
+        objects = [each for group in wanted.values() for each in group]
         refuse_what_cannot_be_written(objects)
-        self.end_without(context, [target, *objects])
+        self.end_without(context, [*wanted, *objects])
         settings = MeasureSettings.of(self, self.tolerance)
-        task = prepare_measurement(context, objects, target, settings)
-        use_modifiers = settings.use_modifiers
-        states = {each.name: still_holds.measured_state(each, target, use_modifiers=use_modifiers) for each in objects}
-        with naming(task.surface.object_name):
-            answers = yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
+        tasks = [prepare_measurement(context, group, target, settings) for target, group in wanted.items()]
+        states = {
+            each.name: still_holds.measured_state(each, target, use_modifiers=settings.use_modifiers)
+            for target, group in wanted.items()
+            for each in group
+        }
+        answers: list[MeshDeviation] = []
+        for task in tasks:
+            with naming(task.surface.object_name):
+                answers += yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
         holders = [_still_there(each) for each in answers]
         mesh_values.write_deviations(holders, answers, settings)
         for each, measured in zip(answers, holders, strict=True):
@@ -56,30 +63,6 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
                 self.report({"WARNING"}, f"{name}the distances are those proved so far; {ENDED[each.out_of_time]}")
             self.report({"INFO"}, f"{name}{_text(context.scene, each)}")
         return {"FINISHED"}
-
-
-def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, list[bpy.types.Object]]:
-    """The object whose limit surface counts, and the objects to measure. Raises ComputeError."""
-    objects = selected_meshes(context)
-    if len(objects) == 1:
-        return surface_object(objects[0]), objects
-    target = context.active_object
-    if target not in objects:
-        raise ComputeError(
-            "Several objects are selected, and none is active: make the object with the limit surface active"
-        )
-    return target, [each for each in objects if each != target]
-
-
-def surface_object(measured: bpy.types.Object) -> bpy.types.Object:
-    """The object of the limit surface for an object selected alone: itself, or for a result of Apply Adaptive
-    Subdivision its source. Raises ComputeError for a removed source."""
-    if not result_record.is_result(measured):
-        return measured
-    source = result_record.source_of(measured)
-    if source is None or source.type != "MESH":
-        raise ComputeError(f"{measured.name}: its source has been removed")
-    return source
 
 
 def _still_there(answer: MeshDeviation) -> bpy.types.Object:

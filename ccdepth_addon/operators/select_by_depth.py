@@ -9,8 +9,9 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..exchange.face_values import DEPTH_KIND, read_face_values
 from ..state import mesh_values
+from ..state.chosen import chosen
 from . import face_selection
-from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse, selected_meshes
+from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse
 
 COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 
@@ -50,17 +51,17 @@ class CCDEPTH_OT_select(QuickOperator):
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
-        has_any = any(mesh_values.has_depths(obj.data) for obj in selected_meshes(context))
+        has_any = any(mesh_values.has_depths(obj.data) for obj in chosen(context))
         return None if has_any else "Compute Depth first"
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         active = context.active_object
-        can_edit = active in selected_meshes(context) and mesh_fault(active.data) is None
+        can_edit = active in chosen(context) and mesh_fault(active.data) is None
         self.edit = context.mode == "OBJECT" and can_edit
         return self.execute(context)
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        meshes = dict.fromkeys(obj.data for obj in selected_meshes(context) if mesh_values.has_depths(obj.data))
+        meshes = dict.fromkeys(obj.data for obj in chosen(context) if mesh_values.has_depths(obj.data))
         refuse(meshes, face_selection.selection_fault)
         if not self.properties.is_property_set("depth"):
             self.depth = max(mesh.ccdepth.deepest for mesh in meshes)

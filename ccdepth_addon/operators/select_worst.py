@@ -10,11 +10,12 @@ from bpy.props import BoolProperty
 
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import mesh_values
+from ..state.chosen import chosen
 from ..state.still_holds import measured_to_show
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable
 from . import face_selection
-from .selected_meshes import QuickOperator, refuse, selected_meshes
+from .selected_meshes import QuickOperator, refuse
 
 
 class CCDEPTH_OT_select_worst(QuickOperator):
@@ -57,7 +58,7 @@ class CCDEPTH_OT_select_worst(QuickOperator):
 
 
 def _measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
-    return [each for each in selected_meshes(context) if mesh_values.has_deviation(each.data)]
+    return [each for each in chosen(context) if mesh_values.has_deviation(each.data)]
 
 
 def _worst(context: bpy.types.Context) -> bpy.types.Object:

@@ -10,6 +10,7 @@ import bpy
 
 from ..exchange.face_values import conflict
 from ..exchange.mesh_arrays import mesh_face_count
+from ..state.chosen import chosen
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable_lines
 
@@ -18,19 +19,6 @@ Holder = TypeVar("Holder", bpy.types.Object, bpy.types.Mesh)
 CHANGED = "The objects were changed in the meantime: nothing was written"
 
 LINKED = "the object is linked from another file; make it local first"
-
-
-def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The mesh objects of an operator: the selected objects, or the active object if nothing is selected.
-
-    In Edit Mode: the edited objects, and selected objects that share a mesh with them; undo covers no others there.
-    """
-    if context.mode == "EDIT_MESH":
-        edited = dict.fromkeys([*context.objects_in_mode, *context.selected_objects])
-        return [obj for obj in edited if obj.type == "MESH" and obj.data.is_editmode]
-    active = context.active_object
-    candidates = context.selected_objects or ([] if active is None else [active])
-    return [obj for obj in candidates if obj.type == "MESH"]
 
 
 class MeshOperator(bpy.types.Operator):
@@ -54,7 +42,7 @@ class MeshOperator(bpy.types.Operator):
         elif context.mode not in {"OBJECT", "EDIT_MESH"}:
             fault = "Works in Object Mode and in Edit Mode"
         else:
-            fault = cls.missing(context) if selected_meshes(context) else "Select a mesh object"
+            fault = cls.missing(context) if chosen(context) else "Select a mesh object"
         if fault:
             cls.poll_message_set(fault)
         return not fault

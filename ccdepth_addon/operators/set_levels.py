@@ -7,7 +7,8 @@ import bpy
 
 from ..exchange.modifiers import OF_OBJECT, shown_vertices, simplified_levels, subdivision_modifier
 from ..state import known, mesh_values, out_of_date, result_record
-from .selected_meshes import LINKED, QuickOperator, count_text, refuse, selected_meshes
+from ..state.chosen import chosen
+from .selected_meshes import LINKED, QuickOperator, count_text, refuse
 
 # Modifiers that no other one can be moved above; Blender says that they require original data.
 ALWAYS_FIRST = {"MULTIRES", "SOFT_BODY"}
@@ -22,7 +23,7 @@ class CCDEPTH_OT_set_levels(QuickOperator):
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
-        with_depths = [obj for obj in selected_meshes(context) if _has_depths(obj)]
+        with_depths = [obj for obj in chosen(context) if _has_depths(obj)]
         if not with_depths:
             return "Compute Depth first"
         if all(_is_left_alone(obj, context.scene.ccdepth) for obj in with_depths):
@@ -30,7 +31,7 @@ class CCDEPTH_OT_set_levels(QuickOperator):
         return None
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        objects, settings = selected_meshes(context), context.scene.ccdepth
+        objects, settings = chosen(context), context.scene.ccdepth
         stale = set(out_of_date.out_of_date(context, objects))
         refuse(objects, lambda obj: _levels_fault(obj, obj in stale, settings))
         for blender_object in objects:

@@ -9,13 +9,14 @@ import bpy
 from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import sculpted
 from ..state import out_of_date, result_record, watch
+from ..state.chosen import chosen
 from ..tasks.surfaces import NOT_PLACED, ComputeError
 from ..ui.printable import printable_lines
 from .adaptive_operator import MakingOperator
 from .job import Steps
 from .long_operator import NAVIGATION_EVENTS
 from .place_results import place_in_results
-from .selected_meshes import LINKED, refuse, selected_meshes
+from .selected_meshes import LINKED, refuse
 
 # The prefixes of operators, and the jobs, for which results with Keep Updated wait.
 OPERATORS_WAITED_FOR = ("CCDEPTH_OT_", "TRANSFORM_OT_", "RENDER_OT_opengl")
@@ -62,7 +63,7 @@ class CCDEPTH_OT_update(UpdatingOperator):
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
-        selected = selected_meshes(context)
+        selected = chosen(context)
         results = [each for each in selected if result_record.is_result(each)]
         if any(map(result_record.source_of, results)) or any(map(out_of_date.has_results, selected)):
             return None
@@ -72,7 +73,7 @@ class CCDEPTH_OT_update(UpdatingOperator):
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         """Make the selected results anew, and the results of other selected objects."""
-        selected = selected_meshes(context)
+        selected = chosen(context)
         results = [each for each in selected if result_record.is_result(each)]
         of_sources = [
             result

@@ -26,10 +26,10 @@ def to_measure(context: bpy.types.Context) -> dict[bpy.types.Object, list[bpy.ty
     """The objects to measure, by the object with the limit surface: results against their sources, an object alone
     against itself, and several others against the active one. Raises ComputeError."""
     objects, active = chosen(context), context.active_object
-    results = [each for each in objects if result_record.is_result(each)]
+    if len(objects) == 1:
+        return {surface_object(objects[0]): objects}
+    results = [each for each in objects if result_record.control_object(each) != each]
     others = [each for each in objects if each not in results]
-    if len(objects) == 1 and others:
-        return {others[0]: others}
     if others and active not in objects:
         raise ComputeError(
             "Several objects are selected, and none is active: make the object with the limit surface active"
@@ -41,8 +41,6 @@ def to_measure(context: bpy.types.Context) -> dict[bpy.types.Object, list[bpy.ty
         # A result that is the active one among others is their limit surface.
         elif each in results and (each != active or not others):
             wanted.setdefault(surface_object(each), []).append(each)
-    if not wanted:
-        raise ComputeError(f"{objects[0].name}: there is nothing to measure")
     return wanted
 
 

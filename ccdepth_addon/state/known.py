@@ -23,6 +23,7 @@ from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask
 from . import mesh_values, out_of_date, viewports, watch
+from .chosen import chosen
 from .properties import scene_tolerance
 from .result_record import control_object
 
@@ -51,9 +52,8 @@ _selected: set[int] = set()
 def objects_for_tolerance(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The objects whose tolerances are shown: the active object, or the selected objects if the active one is no mesh.
     A result is replaced by its source."""
-    active = context.active_object
-    holders = [active] if active is not None and active.type == "MESH" else context.selected_objects
-    return [control_object(each) for each in holders if each.type == "MESH"]
+    objects, active = chosen(context), context.active_object
+    return [control_object(each) for each in ([active] if active in objects else objects)]
 
 
 def known_diagonal(blender_object: bpy.types.Object, *, use_modifiers: bool) -> float | None:

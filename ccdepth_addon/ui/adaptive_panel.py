@@ -7,9 +7,10 @@ import bpy
 
 from ..exchange.modifiers import has_own_keys
 from ..state import known, out_of_date, result_record
+from ..state.chosen import chosen
 from .facts import count_fact, draw_facts, facts_of, short_count
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
-from .selected_objects import chosen_meshes, made_objects
+from .selected_objects import made_objects
 from .sidebar import SidebarPanel, draw_alert, settings_column
 
 
@@ -39,7 +40,7 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             # At the same place as with the result shown, so that the mouse stays.
             layout.operator("ccdepth.before_after", icon="LOOP_FORWARDS")
             layout.operator("ccdepth.update", icon="FILE_REFRESH")
-        if not chosen_meshes(context):
+        if not chosen(context):
             _draw_left_hidden(layout, context)
         _draw_face_count(layout, context)
         budget = layout.column(align=True)
@@ -104,7 +105,7 @@ def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.ccdepth
-    count = known.count_to_make(chosen_meshes(context), settings)
+    count = known.count_to_make(chosen(context), settings)
     if count is None:
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 import bpy
 
-from ..state import mesh_values, out_of_date, result_record
+from ..state import mesh_values, out_of_date
+from ..state.chosen import chosen, to_measure
 from ..state.properties import tolerance_name
 from ..state.still_holds import measured_to_show
+from ..tasks.surfaces import ComputeError
 from .facts import draw_facts, facts_of_measurement
 from .panels import draw_main_button, draw_state_line
 from .sidebar import SidebarPanel, settings_column
@@ -59,17 +61,20 @@ def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _plan(context: bpy.types.Context) -> str:
-    """The measured object and the object with the limit surface, as text; empty where Measure Deviation would
+    """The measured objects and the object with the limit surface, as text; empty where Measure Deviation would
     refuse."""
-    objects = [each for each in context.selected_objects if each.type == "MESH"]
-    active = context.active_object
-    if len(objects) > 1 and active in objects:
-        others = [each.name for each in objects if each != active]
-        return f"{others[0] if len(others) == 1 else f'{len(others):,} objects'} against {active.name}"
-    if len(objects) != 1:
+    try:
+        wanted = to_measure(context) if chosen(context) else {}
+    except ComputeError:
         return ""
-    source = result_record.control_object(objects[0])
-    return f"{objects[0].name} against {'its own surface' if source == objects[0] else source.name}"
+    measured = [each for group in wanted.values() for each in group]
+    if not measured:
+        return ""
+    what = measured[0].name if len(measured) == 1 else f"{len(measured):,} objects"
+    if len(wanted) > 1:
+        return f"{what} against their sources"
+    [target] = wanted
+    return f"{what} against {'its own surface' if [target] == measured else target.name}"
 
 
 def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, measured: bpy.types.Object) -> None:

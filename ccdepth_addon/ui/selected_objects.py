@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 import bpy
 
 from ..state import heat_map, known, mesh_values, result_record
+from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from .lengths import DIGITS, common_unit, length_text
 
@@ -16,13 +17,8 @@ from .lengths import DIGITS, common_unit, length_text
 MOST_SEARCHED = 1000
 
 
-def chosen_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The mesh objects that buttons work on: the selected or edited objects, or else the active one."""
-    return _selected(context, lambda _holder: True)
-
-
 def with_depths(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected or edited objects with depths that were not made by subdivision, or else the active one."""
+    """The selected or edited objects with depths that were not made by subdivision."""
     return _selected(context, lambda each: mesh_values.has_depths(each.data) and not each.data.ccdepth.subdivision)
 
 
@@ -37,8 +33,7 @@ def refused_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def colored_objects(context: bpy.types.Context, kind: Shown) -> list[bpy.types.Object]:
-    """The objects of the legend: the selected objects that show a heat map; or else the active one; or else all
-    objects that show one."""
+    """The objects of the legend: the selected objects that show a heat map; or else all objects that show one."""
 
     def is_colored(holder: bpy.types.Object) -> bool:
         return heat_map.has_shown(holder.data, kind) and bool(holder.visible_get())
@@ -51,13 +46,7 @@ def colored_objects(context: bpy.types.Context, kind: Shown) -> list[bpy.types.O
 
 
 def _selected(context: bpy.types.Context, wanted: Callable[[bpy.types.Object], bool]) -> list[bpy.types.Object]:
-    selected = context.selected_objects
-    edited = context.objects_in_mode if context.mode == "EDIT_MESH" else []
-    active = context.active_object
-    found = [each for each in dict.fromkeys([*selected, *edited]) if each.type == "MESH" and wanted(each)]
-    if found or active is None or active.type != "MESH" or not wanted(active):
-        return found
-    return [active]
+    return [each for each in chosen(context) if wanted(each)]
 
 
 def faces_by_depth(objects: Iterable[bpy.types.Object]) -> Counter[int]:

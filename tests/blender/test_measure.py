@@ -280,6 +280,22 @@ def test_an_adaptive_result_is_measured_against_its_source() -> None:
     refuses("measure", "its source has been removed")
 
 
+def test_results_are_measured_against_their_own_sources_together() -> None:
+    """Whichever of them is active; another object is measured against the active one as before."""
+    first, second = subdivided_cube(2), scene.add_object(meshes.torus(5, 4), "Ring")
+    second.location.x = 10.0
+    results = subdivide(first, second, tolerance=0.05)
+    addon.measure(*results, tolerance=0.05, time_limit=5.0)
+    assert {each.data.ccdepth.measurement.against for each in results} == {"Cube", "Ring"}
+    assert all(each.data.ccdepth.measurement.verdict == "MET" for each in results)
+    addon.select(*results)
+    assert addon.module("ui.deviation_panel")._plan(bpy.context) == "2 objects against their sources"
+    other = scene.add_object(meshes.cube(), "Other")
+    addon.measure(results[0], results[1], other, tolerance=0.05, time_limit=0.1)
+    assert other.data.ccdepth.has_deviation is False
+    assert {each.data.ccdepth.measurement.against for each in results} == {"Cube", "Ring"}
+
+
 def test_against_a_source_at_an_unknown_place_nothing_is_measured(tmp_path: Path) -> None:
     """Blender places no objects of excluded collections, and files hold no places."""
     source = subdivided_cube()
