@@ -1,43 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The facts of a session, stored in no file: the diagonals for relative tolerances, the numbers of faces of adaptive
-meshes, the meshes that the last run refused, and the selections shown.
+"""The facts of a session, stored in no file: the numbers of faces of adaptive meshes, the meshes that the last run
+refused, and the selections shown; and the diagonals for relative tolerances.
 
-The interface asks for known facts, and computes nothing while it is drawn. Requested and changed diagonals are measured
-when nothing has happened for a while, if measuring takes no time; other diagonals are known once an operator has
-measured them.
+The interface asks for known facts, and evaluates nothing while it is drawn.
 """
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Iterable, Mapping, Sequence
-from time import perf_counter
 
 import bpy
 import numpy as np
 
 from ..exchange.control_mesh import ControlMeshError, own_diagonal, read_control_mesh
 from ..exchange.evaluated import is_placed
-from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask
-from . import mesh_values, out_of_date, viewports, watch
+from . import out_of_date, viewports, watch
 from .chosen import chosen
 from .properties import scene_tolerance
 from .result_record import control_object
 
-# A larger mesh is not evaluated for its diagonal alone, nor one again that took longer, in seconds.
-LARGEST_FACE_COUNT = 200_000
-LONG = 0.1
-
-# An object by its session identifier, and whether modifiers are counted in.
-_Key = tuple[int, bool]
-
-# None where it cannot be told without evaluating modifiers.
-_diagonals: dict[_Key, float | None] = {}
-_wanted: set[_Key] = set()
-_slow: set[_Key] = set()
+# The diagonal of a larger mesh is not read from its points while the interface is drawn: it takes milliseconds.
+MOST_POINTS = 50_000
 
 # Counts by the session identifiers of the objects counted together: a mesh for several of them counts once.
 _counts: dict[frozenset[int], tuple[AdaptiveSettings, FaceCount]] = {}
@@ -50,19 +36,30 @@ _selected: set[int] = set()
 
 
 def objects_for_tolerance(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The objects whose tolerances are shown: the active object, or the selected objects if the active one is no mesh.
-    A result is replaced by its source."""
+    """The objects whose tolerances are shown: the active object, or the selected objects if the active one is no
+    mesh."""
     objects, active = chosen(context), context.active_object
-    return [control_object(each) for each in ([active] if active in objects else objects)]
+    return [active] if active in objects else objects
 
 
-def known_diagonal(blender_object: bpy.types.Object, *, use_modifiers: bool) -> float | None:
-    """The diagonal of the object's dimensions, as a length in the scene, as far as measured."""
-    key = (blender_object.session_uid, use_modifiers)
-    if key not in _diagonals:
-        _wanted.add(key)
-        watch.examine_soon()
-    return _diagonals.get(key)
+def shown_diagonal(blender_object: bpy.types.Object, *, use_modifiers: bool) -> tuple[float, bool] | None:
+    """The diagonal of the dimensions of an object, or of a result's source, as a length in the scene; and whether it is
+    exact, from the control points as they are, or that of the last computation. None if it is not known."""
+    source = control_object(blender_object)
+    mesh, counted = source.data, counted_modifiers(source, use_modifiers=use_modifiers)
+    if not mesh.is_editmode and not is_evaluated(source, counted) and len(mesh.vertices) <= MOST_POINTS:
+        diagonal = own_diagonal(source)
+        return (diagonal, True) if _is_length(diagonal) else None
+    for holder in (source, blender_object):
+        record = holder.data.ccdepth
+        is_alike = (record.tolerance_mode, record.use_modifiers) == ("RELATIVE", use_modifiers)
+        if record.has_result and is_alike and not record.frames:
+            return record.world_tolerance / record.tolerance, False
+    return None
+
+
+def _is_length(diagonal: float) -> bool:
+    return bool(np.isfinite(diagonal)) and diagonal > 0
 
 
 def measured_diagonal(
@@ -81,48 +78,7 @@ def measured_diagonal(
             found = own_diagonal(blender_object)
     except (ControlMeshError, ValueError):
         found = 0.0
-    diagonal = found if np.isfinite(found) and found > 0 else None
-    _diagonals[blender_object.session_uid, use_modifiers] = diagonal
-    return diagonal
-
-
-def _measure_wanted() -> bool:
-    """Measure the requested diagonals, if measuring takes no time."""
-    wanted = _wanted.copy()
-    _wanted.clear()
-    by_uid = {each.session_uid: each for each in bpy.data.objects if each.type == "MESH"} if wanted else {}
-    for uid, use_modifiers in wanted:
-        holder = by_uid.get(uid)
-        _diagonals[uid, use_modifiers] = None if holder is None else _quickly_measured(holder, use_modifiers)
-    return bool(wanted)
-
-
-def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
-    key, mesh, started = (holder.session_uid, use_modifiers), holder.data, perf_counter()
-    # Leaving Edit Mode has it measured; until then nobody is disturbed.
-    if mesh.is_editmode and key in _diagonals:
-        return _diagonals[key]
-    try:
-        counted = counted_modifiers(holder, use_modifiers=use_modifiers)
-        takes_long = mesh.is_editmode or is_evaluated(holder, counted)
-        if key in _slow or (takes_long and mesh_face_count(mesh) > LARGEST_FACE_COUNT):
-            return _recorded(holder, use_modifiers)
-        found = measured_diagonal(bpy.context, holder, use_modifiers=use_modifiers)
-    except Exception:
-        # Diagonals that cannot be measured are not shown.
-        traceback.print_exc()
-        return None
-    if perf_counter() - started > LONG:
-        _slow.add(key)
-    return found
-
-
-def _recorded(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
-    """The diagonal of the computation of depths on the object's mesh, if the depths hold for this object alone."""
-    mesh, record = holder.data, holder.data.ccdepth
-    is_own = mesh_values.has_depths(mesh) and not record.subdivision and not record.frames and mesh.users == 1
-    is_alike = (record.tolerance_mode, record.use_modifiers) == ("RELATIVE", use_modifiers)
-    return record.world_tolerance / record.tolerance if is_own and is_alike and not out_of_date.is_stale(mesh) else None
+    return found if _is_length(found) else None
 
 
 def remember_count(
@@ -192,34 +148,19 @@ def _notice_update(changed: bpy.types.Object, _geometry: bool) -> bool:
     uids = {uid, *out_of_date.uids_of_results(uid)} if _counts else set()
     for counted in [counted for counted in _counts if counted & uids]:
         del _counts[counted]
-    keys = {(uid, use_modifiers) for use_modifiers in (False, True)} & _diagonals.keys()
-    _wanted.update(keys)
-    return bool(keys)
-
-
-def _measure_anew() -> None:
-    _diagonals.clear()
-    _wanted.clear()
+    return False
 
 
 def _forget_what_was_replaced() -> None:
-    _measure_anew()
     _counts.clear()
     _selected.clear()
 
 
 def _forget_everything() -> None:
     _forget_what_was_replaced()
-    _slow.clear()
     _refused.clear()
 
 
 watch.clients.append(
-    watch.Client(
-        forget=_forget_everything,
-        updated=_notice_update,
-        frame_changed=_measure_anew,
-        replaced=_forget_what_was_replaced,
-        examine=_measure_wanted,
-    )
+    watch.Client(forget=_forget_everything, updated=_notice_update, replaced=_forget_what_was_replaced)
 )

@@ -5,7 +5,7 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from . import known, properties, viewports
+from . import known, properties, result_record, viewports
 
 MODES = tuple(mode for mode, *_ in properties.TOLERANCE_MODES)
 
@@ -21,7 +21,8 @@ def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:
         return
     holders = known.objects_for_tolerance(bpy.context)
     if len(holders) == 1:
-        diagonal = known.measured_diagonal(bpy.context, holders[0], use_modifiers=settings.use_modifiers)
+        source = result_record.control_object(holders[0])
+        diagonal = known.measured_diagonal(bpy.context, source, use_modifiers=settings.use_modifiers)
         if diagonal is not None:
             _carry_over(settings, mode, diagonal)
     settings.tolerance_mode = mode

@@ -7,7 +7,7 @@ from decimal import Decimal
 
 import bpy
 
-from ..state.known import known_diagonal, objects_for_tolerance
+from ..state.known import objects_for_tolerance, shown_diagonal
 from ..state.properties import scene_tolerance
 from .lengths import length_text, number_text
 from .selected_objects import lengths_text
@@ -29,21 +29,23 @@ def tolerance_text(context: bpy.types.Context) -> str:
     texts = []
     if abs(round(tolerance, DECIMALS) - tolerance) > LARGEST_ERROR * abs(tolerance):
         texts.append(f"{tolerance:.6g}" if relative else length_text(scene, tolerance, digits=6))
-    diagonals = _known_diagonals(context)
+    diagonals, is_exact = _shown_diagonals(context)
+    sign = "=" if is_exact else "≈"
     if diagonals and relative:
-        texts.append(f"= {lengths_text(scene, (tolerance * each for each in diagonals))}")
+        texts.append(f"{sign} {lengths_text(scene, (tolerance * each for each in diagonals))}")
     elif diagonals:
         parts = sorted(tolerance / each for each in diagonals)
         least, largest = (number_text(Decimal(each)) for each in (parts[0], parts[-1]))
-        texts.append(f"= {least if least == largest else f'{least}–{largest}'} of the size")
+        texts.append(f"{sign} {least if least == largest else f'{least}–{largest}'} of the size")
     return " ".join(texts)
 
 
-def _known_diagonals(context: bpy.types.Context) -> list[float]:
-    """The diagonals of the objects of the tolerance; empty if one is unknown."""
+def _shown_diagonals(context: bpy.types.Context) -> tuple[list[float], bool]:
+    """The diagonals of the objects of the tolerance, and whether all are exact; none if one is unknown."""
     holders = objects_for_tolerance(context)
     if len(holders) > MOST_OBJECTS:
-        return []
+        return [], False
     use_modifiers = context.scene.ccdepth.use_modifiers
-    found = [known_diagonal(each, use_modifiers=use_modifiers) for each in holders]
-    return [] if None in found else [each for each in found if each is not None]
+    found = [shown_diagonal(each, use_modifiers=use_modifiers) for each in holders]
+    known = [each for each in found if each is not None]
+    return [diagonal for diagonal, _ in known] if len(known) == len(found) else [], all(exact for _, exact in known)
