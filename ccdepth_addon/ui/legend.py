@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Texts over the 3D View: the legend of the selected objects, and a label at the place of the largest deviation.
 
-The legend stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the
-panel Adjust Last Operation. In Quad View the lower right view has the legend.
+The legend stands at the bottom right, clear of the sidebar and of regions at the bottom.
 """
 
 from __future__ import annotations
@@ -39,9 +38,6 @@ BACKGROUND_COLOR = (0.08, 0.08, 0.08, 0.85)
 # The distance of the label from its place, and the room around its text, at an interface scale of 1.
 REACH, PADDING = 28, 5
 
-# The room of the navigation gizmo at the top right, at an interface scale of 1.
-GIZMO_WIDTH, GIZMO_HEIGHT = 100, 250
-
 # Seconds after which it has taken long to put the legend together, and for how many times as long it is kept then.
 LONG = 0.03
 TIMES_KEPT = 50
@@ -70,13 +66,10 @@ def draw() -> None:
 
 
 def _draw_legend(context: bpy.types.Context, scale: float) -> None:
-    views = [each for each in context.area.regions if each.type == "WINDOW" and each.width > 1]
-    if context.region != min(views, key=lambda each: (each.y, -each.x)):
-        return
     wanted = _wanted(context)
     if wanted is not None:
         region = context.region.width, context.region.height
-        found = placed(wanted, region, _obstacles(context, context.region, scale), scale, _width)
+        found = placed(wanted, region, _covered(context), scale, _width)
         if found is not None:
             _draw_layout(*found)
 
@@ -102,23 +95,13 @@ def _redraw() -> None:
     viewports.redraw(bpy.context)
 
 
-def _obstacles(context: bpy.types.Context, window: bpy.types.Region, scale: float) -> list[Rectangle]:
-    """The rectangles of the region with something else drawn over them."""
-    found = [
-        Rectangle(each.x, each.y, each.x + each.width, each.y + each.height)
-        for each in context.area.regions
-        # Hidden ones have no size.
-        if each.type != "WINDOW" and each.width > 1 and each.height > 1
-    ]
-    relative = [Rectangle(a - window.x, b - window.y, c - window.x, d - window.y) for a, b, c, d in found]
-    space = context.space_data
-    if space.show_gizmo and space.show_gizmo_navigate:
-        # In Quad View regions may lie beyond this view.
-        right = min([window.width, *(each.left for each in relative if each.left > window.width / 2)])
-        top = min([window.height, *(each.bottom for each in relative if each.bottom > window.height / 2)])
-        width, height = (round(each * scale) for each in (GIZMO_WIDTH, GIZMO_HEIGHT))
-        relative.append(Rectangle(right - width, top - height, right, top))
-    return relative
+def _covered(context: bpy.types.Context) -> tuple[int, int]:
+    """The width at the right and the height at the bottom of the 3D View that its other regions cover; hidden ones have
+    no size."""
+    window, others = context.region, [each for each in context.area.regions if each.width > 1 and each.height > 1]
+    right = sum(window.x + window.width - each.x for each in others if each.alignment == "RIGHT")
+    bottom = sum(each.height for each in others if each.alignment == "BOTTOM" and each.y >= window.y)
+    return max(0, right), bottom
 
 
 def _draw_layout(layout: Layout, place: Rectangle) -> None:

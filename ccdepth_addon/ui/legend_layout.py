@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import pairwise
 from typing import NamedTuple
@@ -30,12 +30,6 @@ TICK_WIDTH = 5
 # The number of colours of the scale, with halves and quarters among them.
 SCALE_STEPS = 101
 
-# The sizes of a legend as it shrinks for lack of room.
-SIZES = (1.0, 0.85, 0.7)
-
-# The largest part of the region for a legend.
-LARGEST_PART = 1 / 3
-
 
 class Style(Enum):
     """The style of a text."""
@@ -52,11 +46,6 @@ class Rectangle(NamedTuple):
     bottom: float
     right: float
     top: float
-
-    def overlaps(self, other: Rectangle) -> bool:
-        return (
-            self.left < other.right and other.left < self.right and self.bottom < other.top and other.bottom < self.top
-        )
 
 
 class PlacedText(NamedTuple):
@@ -97,33 +86,14 @@ class Layout:
 
 
 def placed(
-    legend: Legend, region: tuple[int, int], obstacles: Sequence[Rectangle], scale: float, measure: Measure
+    legend: Legend, region: tuple[int, int], covered: tuple[int, int], scale: float, measure: Measure
 ) -> tuple[Layout, Rectangle] | None:
-    """The layout that fits farthest to the right, the largest of equals, and its place; the smallest layout lacks
-    notes; None without room. scale: the interface's."""
-    found, wanted = [], [(legend, scale * size) for size in SIZES]
-    for each, size in [*wanted, (replace(legend, notes=legend.notes[:1]), scale * SIZES[-1])]:
-        layout = column(each, size, measure)
-        if layout.width * layout.height <= LARGEST_PART * region[0] * region[1]:
-            place = free_place(layout.width, layout.height, region, obstacles, round(MARGIN * scale))
-            if place is not None:
-                found.append((layout, place))
-    return max(found, key=lambda one: one[1].right, default=None)
-
-
-def free_place(
-    width: float, height: float, region: tuple[int, int], obstacles: Sequence[Rectangle], margin: int
-) -> Rectangle | None:
-    """The lowest place with room for a rectangle, and of equals the rightmost; None without room."""
-    rights = {region[0] - margin, *(each.left - margin for each in obstacles)}
-    bottoms = {margin, *(each.top + margin for each in obstacles)}
-    for bottom in sorted(bottoms):
-        for right in sorted(rights, reverse=True):
-            place = Rectangle(right - width, bottom, right, bottom + height)
-            is_inside = place.left >= margin and bottom >= margin and right <= region[0] - margin
-            if is_inside and place.top <= region[1] - margin and not any(map(place.overlaps, obstacles)):
-                return place
-    return None
+    """The layout in the lower right corner of a region, and its place; None without room. covered: the width at the
+    right and the height at the bottom that other regions cover. scale: the interface's."""
+    layout, margin = column(legend, scale, measure), round(MARGIN * scale)
+    right, bottom = region[0] - covered[0] - margin, covered[1] + margin
+    place = Rectangle(right - layout.width, bottom, right, bottom + layout.height)
+    return (layout, place) if place.left >= margin and place.top <= region[1] - margin else None
 
 
 def column(legend: Legend, size: float, measure: Measure) -> Layout:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from decimal import Decimal
 from importlib import import_module
-from itertools import combinations, pairwise, product
+from itertools import combinations, pairwise
 from types import ModuleType
 from typing import Any
 from unittest.mock import Mock
@@ -160,9 +160,6 @@ LETTER = 0.55
 
 TITLE, TOLERANCE = "Levels Needed", "for 3.64 mm"
 
-# A viewport of the default window, one of a small screen, a quarter of each, a low one, and a narrow one.
-REGIONS = [(1180, 786), (800, 500), (590, 393), (400, 250), (1180, 160), (260, 786)]
-
 FACES = [3, 125_000, 14, 2_700, 1, 0, 40_000, 12, 7]
 
 
@@ -181,23 +178,6 @@ def distances(*, beyond: bool = False) -> Any:
     return contents.Legend("Deviation (m)", [TOLERANCE, "Suzanne"], marks=lambda _gap: marks, has_beyond=beyond)
 
 
-def obstacles(region: tuple[int, int], scale: float, *names: str) -> list[Any]:
-    """The sidebar, the header, the gizmo and the panel Adjust Last Operation, where Blender has them."""
-    across, up = region
-    places = {
-        "sidebar": layout.Rectangle(across - 260 * scale, 0, across, up),
-        "header": layout.Rectangle(0, up - 54 * scale, across, up),
-        "gizmo": layout.Rectangle(across - 100 * scale, up - 250 * scale, across, up),
-        "adjust": layout.Rectangle(60 * scale, 0, 360 * scale, 200 * scale),
-        "tools": layout.Rectangle(0, 0, 58 * scale, up),
-    }
-    return [places[name] for name in names]
-
-
-def place(legend: Any, region: tuple[int, int], scale: float = 1.0, *names: str) -> Any:
-    return layout.placed(legend, region, obstacles(region, scale, *names), scale, width)
-
-
 def extent(text: Any, size: float) -> tuple[float, float]:
     right = text.x if text.ends_there else text.x + width(text.text, size)
     return right - width(text.text, size), right
@@ -208,38 +188,34 @@ def is_inside(place: Any, width: float, height: float) -> bool:
 
 
 LEGENDS = {"depths": depths(), "few": depths(2), "distances": distances(), "beyond": distances(beyond=True)}
-HIDDEN_BY = [(), ("header", "gizmo", "tools"), ("header", "gizmo", "tools", "sidebar"), ("header", "tools", "adjust")]
 
 
 @pytest.mark.parametrize("legend", LEGENDS.values(), ids=LEGENDS)
-def test_everything_is_inside_and_nothing_is_over_anything_else(legend: Any) -> None:
-    for region, scale, names in product(REGIONS, (1.0, 1.5, 2.0), HIDDEN_BY):
-        answer = place(legend, region, scale, *names)
-        if answer is None:
-            continue
-        found, where = answer
-        assert (where.right - where.left, where.top - where.bottom) == pytest.approx((found.width, found.height))
-        assert is_inside(where, *region)
-        assert not any(where.overlaps(each) for each in obstacles(region, scale, *names))
-        places = [each for each, _ in found.swatches]
-        assert all(is_inside(each, found.width, found.height) for each in places)
-        assert not any(one.overlaps(other) for one, other in combinations(places, 2))
-        written = [(text, extent(text, found.font_size)) for text in found.texts if text.text]
-        for text, (left, right) in written:
-            assert left >= 0
-            # Widths are sums in another order.
-            assert right <= found.width + 1e-9
-            assert 0 <= text.y <= found.height - found.font_size
-            beside = [each for each in places if each.bottom <= text.y < each.top]
-            assert all(right <= swatch.left or left >= swatch.right for swatch in beside), text
-        for (one, ends), (other, others) in combinations(written, 2):
-            if abs(one.y - other.y) < found.font_size:
-                assert ends[1] <= others[0] or others[1] <= ends[0], (one, other)
+@pytest.mark.parametrize("scale", [1.0, 1.5, 2.0])
+def test_everything_is_inside_and_nothing_is_over_anything_else(legend: Any, scale: float) -> None:
+    found, where = layout.placed(legend, (1180, 786), (0, 0), scale, width)
+    assert (where.right - where.left, where.top - where.bottom) == pytest.approx((found.width, found.height))
+    assert is_inside(where, 1180, 786)
+    places = [each for each, _ in found.swatches]
+    assert all(is_inside(each, found.width, found.height) for each in places)
+    for one, other in pairwise(sorted(places, key=lambda each: each.bottom)):
+        assert one.top <= other.bottom
+    written = [(text, extent(text, found.font_size)) for text in found.texts if text.text]
+    for text, (left, right) in written:
+        assert left >= 0
+        # Widths are sums in another order.
+        assert right <= found.width + 1e-9
+        assert 0 <= text.y <= found.height - found.font_size
+        beside = [each for each in places if each.bottom <= text.y < each.top]
+        assert all(right <= swatch.left or left >= swatch.right for swatch in beside), text
+    for (one, ends), (other, others) in combinations(written, 2):
+        if abs(one.y - other.y) < found.font_size:
+            assert ends[1] <= others[0] or others[1] <= ends[0], (one, other)
 
 
-def test_with_room_it_is_in_the_corner_with_everything_and_grows_with_the_interface() -> None:
-    found, where = place(depths(), (1180, 786))
-    assert (where.right, where.bottom) == (1180 - layout.MARGIN, layout.MARGIN)
+def test_it_is_in_the_corner_with_everything_and_grows_with_the_interface() -> None:
+    found, where = layout.placed(depths(), (1180, 786), (260, 40), 1.0, width)
+    assert (where.right, where.bottom) == (1180 - 260 - layout.MARGIN, 40 + layout.MARGIN)
     assert {TITLE, TOLERANCE, "Suzanne", "Out of date", "Depth", "Faces"} <= {text.text for text in found.texts}
     rows = {row.color: row for row in depths().rows}
     assert len(found.swatches) == len(rows)
@@ -247,19 +223,9 @@ def test_with_room_it_is_in_the_corner_with_everything_and_grows_with_the_interf
         beside = [text for text in found.texts if swatch.bottom <= text.y < swatch.top]
         assert [text.text for text in sorted(beside)] == sorted([rows[color].label, f"{rows[color].faces:,}"])
     # Lengths are rounded to pixels.
-    two = place(depths(), (2400, 1600), 2.0)[0]
+    two = layout.placed(depths(), (2400, 1600), (0, 0), 2.0, width)[0]
     assert (two.width, two.height) == pytest.approx((2 * found.width, 2 * found.height), rel=0.02)
-
-
-def test_with_less_room_it_shrinks_then_leaves_out_its_notes_and_then_is_not_there() -> None:
-    # The views of Quad View have all depths.
-    for region, size in (((590, 393), 1.0), ((400, 300), 1.0), ((1180, 786), 2.0)):
-        found, _ = place(depths(), region, size)
-        assert len(found.swatches) == 9
-        assert TOLERANCE in {text.text for text in found.texts}
-    sizes = {found[0].height for up in range(150, 500, 10) if (found := place(depths(), (700, up)))}
-    assert len(sizes) == 4
-    assert place(depths(), (60, 40)) is None
+    assert layout.placed(depths(), (60, 40), (0, 0), 1.0, width) is None
 
 
 lengths = addon.module("ui.lengths")
