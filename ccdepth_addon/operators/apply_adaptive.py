@@ -29,9 +29,10 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
             made, notes = yield from self.made(context, objects, objects, self._progress_text)
             placed = place_meshes(context, made, self.settings(), in_place=in_place)
             for made_object, source, read in placed:
-                # A result that was subdivided is the source of its copy, or came from nothing any more.
-                result_record.forget(made_object)
-                if not in_place:
+                if in_place:
+                    # It came from nothing any more.
+                    result_record.forget(made_object)
+                else:
                     out_of_date.remember_made(made_object, source, settings, made_object.data.materials, read)
             if is_editing:
                 edited[:] = [made_object.session_uid for made_object, *_ in placed]

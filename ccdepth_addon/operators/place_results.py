@@ -197,6 +197,8 @@ def _place_beside(
     copy = own_copy(original)
     undo.callback(bpy.data.objects.remove, copy)
     copy.name = original.name + NAME_SUFFIX
+    # A result that was subdivided is the source of its copy.
+    result_record.forget(copy)
     _remove_applied_modifiers(copy, settings)
     copy.data = mesh
     link_beside(context, original, copy)
@@ -206,8 +208,8 @@ def _place_beside(
         context.view_layer.objects.active = copy
     undo.callback(setattr, original, "hide_render", original.hide_render)
     undo.callback(original.select_set, original.select_get())
-    undo.callback(show, original)
-    hide(original)
+    undo.callback(show, original, [copy])
+    hide(original, copy)
     return copy
 
 

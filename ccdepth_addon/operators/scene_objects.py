@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects in the scene: linked beside others, shown in local view, and hidden."""
+"""Objects in the scene: linked beside others, shown and hidden."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 import bpy
 
@@ -20,27 +19,9 @@ def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.
 
 def show_in_local_view(context: bpy.types.Context, blender_object: bpy.types.Object) -> None:
     """Show the object in the operator's 3D View, if that is in local view."""
-    space = _local_view(context)
-    if space is not None:
-        blender_object.local_view_set(space, True)
-
-
-@contextmanager
-def in_local_view(context: bpy.types.Context, blender_object: bpy.types.Object) -> Iterator[None]:
-    """Show the object in the operator's local view, if there is one, while this context lasts."""
-    space = _local_view(context)
-    was_in_view = space is not None and blender_object.local_view_get(space)
-    show_in_local_view(context, blender_object)
-    try:
-        yield
-    finally:
-        if space is not None:
-            blender_object.local_view_set(space, was_in_view)
-
-
-def _local_view(context: bpy.types.Context) -> bpy.types.SpaceView3D | None:
     space = context.space_data
-    return space if space is not None and space.type == "VIEW_3D" and space.local_view else None
+    if space is not None and space.type == "VIEW_3D" and space.local_view:
+        blender_object.local_view_set(space, True)
 
 
 def can_be_shown(blender_object: bpy.types.Object) -> bool:
@@ -52,16 +33,25 @@ def can_be_shown(blender_object: bpy.types.Object) -> bool:
     return bool(is_shown)
 
 
-def hide(blender_object: bpy.types.Object) -> None:
-    """Deselect an object, and hide it, from the render as well."""
+def hide(blender_object: bpy.types.Object, result: bpy.types.Object) -> None:
+    """Deselect a result or its source, and hide it, from the render as well. The result keeps what was hidden, as
+    library overrides keep no values of ours."""
     blender_object.select_set(False)
     blender_object.hide_set(True)
     if not blender_object.hide_render:
-        blender_object.hide_render = blender_object.ccdepth.left_render = True
+        blender_object.hide_render = True
+        setattr(result.ccdepth, _flag(blender_object, result), True)
 
 
-def show(blender_object: bpy.types.Object) -> None:
-    """Show an object, and in the render if ``hide`` has hidden it from there."""
+def show(blender_object: bpy.types.Object, results: Sequence[bpy.types.Object]) -> None:
+    """Show one of these results or the source of all, and in the render if ``hide`` has hidden it from there."""
     blender_object.hide_set(False)
-    if blender_object.ccdepth.left_render:
-        blender_object.hide_render = blender_object.ccdepth.left_render = False
+    for each in results:
+        flag = _flag(blender_object, each)
+        if (blender_object == each or blender_object not in results) and getattr(each.ccdepth, flag):
+            blender_object.hide_render = False
+            setattr(each.ccdepth, flag, False)
+
+
+def _flag(blender_object: bpy.types.Object, result: bpy.types.Object) -> str:
+    return "result_left_render" if blender_object == result else "source_left_render"

@@ -35,8 +35,7 @@ class SourceMaterial(bpy.types.PropertyGroup):
 class ResultRecord(
     properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties, bpy.types.PropertyGroup
 ):
-    """The source and the settings of a result; and of any object, the object it was measured against, and whether it
-    was taken out of the render."""
+    """The source and the settings of a result; and of any object, the object it was measured against."""
 
     source: PointerProperty(type=bpy.types.Object, description="The source: the object that the result was made from")
     source_name: StringProperty(description="The name of the source; empty on objects that are no results")
@@ -48,7 +47,8 @@ class ResultRecord(
         description="Make the result anew, with its own settings, whenever an edited source leaves Edit Mode "
         "or is made anew. Other work interrupts the run, and Esc stops the run",
     )
-    left_render: BoolProperty(description="Whether the object was taken out of the render as it was hidden")
+    result_left_render: BoolProperty(description="Whether the result was taken out of the render as it was hidden")
+    source_left_render: BoolProperty(description="Whether the source was taken out of the render as it was hidden")
     tolerance: FloatProperty(description="The tolerance as it was given")
     applied: CollectionProperty(type=AppliedModifier)
     # Not on the mesh: Blender 5.0 leaves pointers of meshes to objects that are gone, and crashes.
@@ -87,12 +87,6 @@ def control_object(blender_object: bpy.types.Object) -> bpy.types.Object:
 def results_of(source: bpy.types.Object) -> list[bpy.types.Object]:
     """The results of a source, from a look at all objects of the file."""
     return [each for each in bpy.data.objects if each.type == "MESH" and each.ccdepth.source == source != each]
-
-
-def left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The hidden results in the view layer whose sources were deleted: neither result nor source is visible."""
-    hidden = [each for each in context.view_layer.objects if is_result(each) and not each.visible_get()]
-    return [each for each in hidden if (source := source_of(each)) is None or not source.users_scene]
 
 
 def made_with(holder: Any, tolerance: float) -> dict[str, Any]:

@@ -40,8 +40,6 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             # At the same place as with the result shown, so that the mouse stays.
             layout.operator("ccdepth.before_after", icon="LOOP_FORWARDS")
             layout.operator("ccdepth.update", icon="FILE_REFRESH")
-        if not chosen(context):
-            _draw_left_hidden(layout, context)
         _draw_face_count(layout, context)
         budget = layout.column(align=True)
         budget.prop(settings, "face_budget")
@@ -84,15 +82,6 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
         row.prop(made.ccdepth, "keep_updated")
     if made.data.ccdepth.has_result:
         draw_facts(layout, facts_of(context.scene, made.data.ccdepth))
-
-
-def _draw_left_hidden(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """The hidden results without a source any more, with a button that shows them."""
-    left = result_record.left_hidden(context)
-    if left:
-        name = f"“{left[0].name}” is" if len(left) == 1 else f"{len(left):,} results are"
-        draw_state_line(layout, f"Source removed; {name} hidden")
-        layout.operator("ccdepth.before_after", text="Show Result", icon="HIDE_OFF")
 
 
 def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

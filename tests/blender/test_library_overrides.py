@@ -153,6 +153,21 @@ def test_an_override_in_an_overridden_collection_gets_its_result_beside_it(tmp_p
     assert len(result.data.polygons) > 6
 
 
+def test_the_source_of_a_result_is_rendered_again_after_loading(tmp_path: Path) -> None:
+    """Which keeps nothing of ours on an override."""
+    holder = linked(tmp_path, KINDS[0])
+    [result] = subdivide(holder)
+    names = holder.name, result.name
+    assert (holder.hide_render, result.hide_render) == (True, False)
+    scene.open_again(tmp_path)
+    result = bpy.data.objects[names[1]]
+    source = result.ccdepth.source
+    addon.finish("before_after", result)
+    assert (source.hide_render, result.hide_render) == (False, True)
+    addon.finish("before_after", source)
+    assert (source.hide_render, result.hide_render) == (True, False)
+
+
 OVERRIDDEN = "the mesh is a library override, on which Blender keeps no attributes"
 LINKED = "the mesh is linked from another file"
 
