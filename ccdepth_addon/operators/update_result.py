@@ -18,10 +18,6 @@ from .long_operator import NAVIGATION_EVENTS
 from .place_results import place_in_results
 from .selected_meshes import LINKED, refuse
 
-# The prefixes of operators, and the jobs, for which results with Keep Updated wait.
-OPERATORS_WAITED_FOR = ("CCDEPTH_OT_", "TRANSFORM_OT_", "RENDER_OT_opengl")
-JOBS_WAITED_FOR = ("RENDER", "OBJECT_BAKE")
-
 NO_SIZE = f"{NOT_PLACED}, so its size in the scene is not known; show it first"
 
 
@@ -99,32 +95,24 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
         return context.mode == "OBJECT" and bool(_due_in(context))
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        """Make the results with the settings of the first one anew; the others have their turn later."""
+        """Make one result after the other anew."""
         due = _due_in(context)
-        # Edited while they waited.
-        edited = [each for each in due if result_record.is_edited(each)]
-        out_of_date.no_longer_due(each.session_uid for each in edited)
-        if len(edited) == len(due):
-            return {"CANCELLED"}
-        first, *others = (each for each in due if each not in edited)
-        record = first.ccdepth
-        settings = result_record.made_with(record, record.tolerance)
-        alike = [each for each in others if result_record.made_with(each.ccdepth, each.ccdepth.tolerance) == settings]
-        self._uids = [each.session_uid for each in (first, *alike)]
-        # After success or failure, the next try follows only the next edit of the source.
-        out_of_date.no_longer_due(self._uids)
-        for name, value in settings.items():
-            setattr(self, name, value)
-        try:
-            return (yield from self.updated(context, [first, *alike]))
-        finally:
-            watch.examine_soon()
+        # Whatever comes of it, the next try follows only the next edit of a source.
+        out_of_date.none_due()
+        status = {"CANCELLED"}
+        for each in due:
+            # It may have been edited meanwhile.
+            if not result_record.is_edited(each):
+                settings = result_record.made_with(each.ccdepth, each.ccdepth.tolerance)
+                for name, value in settings.items():
+                    setattr(self, name, value)
+                status = yield from self.updated(context, [each])
+        return status
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if event.value == "PRESS" and event.type not in {"ESC", *NAVIGATION_EVENTS}:
-            # Someone goes on working, and comes first.
+            # Someone goes on working, and comes first: the results stay out of date.
             self.cancel(context)
-            out_of_date.due_again(self._uids)
             return {"CANCELLED", "PASS_THROUGH"}
         status = super().modal(context, event)
         return {"PASS_THROUGH"} if status == {"RUNNING_MODAL"} else status
@@ -160,20 +148,20 @@ def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def _start_keeping_updated() -> bool:
-    """Make due results anew, in the first window with any of them in its view layer."""
+    """Make due results anew in the first window with any of them in its view layer; while other work goes on there they
+    stay out of date."""
     manager = bpy.context.window_manager
     is_due = bool(out_of_date.due_results()) and not bpy.app.background
     for window in manager.windows if manager and is_due else ():
-        running = any(each.bl_idname.startswith(OPERATORS_WAITED_FOR) for each in window.modal_operators)
-        if running or any(map(bpy.app.is_job_running, JOBS_WAITED_FOR)):
-            watch.examine_soon()
-            break
         area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
         region = next((region for region in area.regions if region.type == "WINDOW"), None) if area else None
         with bpy.context.temp_override(window=window, area=area, region=region):
-            if bpy.ops.ccdepth.update_kept.poll():
+            is_free = not window.modal_operators and not bpy.app.is_job_running("RENDER")
+            if is_free and bpy.ops.ccdepth.update_kept.poll():
                 bpy.ops.ccdepth.update_kept("INVOKE_DEFAULT", True)
                 break
+    if is_due:
+        out_of_date.none_due()
     return False
 
 

@@ -7,25 +7,21 @@ examine them by the same function.
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import bpy
 
 from ..exchange.dependencies import KnownDescriptions
-from ..exchange.mesh_arrays import mesh_face_count
 from . import mesh_values, result_record, still_holds, watch
 
 Answer = TypeVar("Answer")
 
-# In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its depths stale.
-LARGEST_EDITED_FACE_COUNT = 200_000
-
-# All by session identifiers: touched meshes, meshes with stale depths, and meshes just written to; and objects without
-# depths computed for them.
+# All by session identifiers: touched meshes, meshes with stale depths, and meshes that have entered Edit Mode; and
+# objects without depths computed for them.
 _touched: set[int] = set()
 _stale: set[int] = set()
-_own_writes: set[int] = set()
+_entered: set[int] = set()
 _uncovered: set[int] = set()
 
 # The changes since the measurements on meshes.
@@ -70,20 +66,24 @@ def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object])
 
 
 def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
-    """Write the inputs of new depths to the mesh (``still_holds.remember_depths``): the next change of its geometry is
-    the writing of the depths."""
+    """Write the inputs of new depths to the mesh (``still_holds.remember_depths``), after its last change by us."""
+    change = _changes.get(mesh.session_uid)
     still_holds.remember_depths(mesh, *given)
+    bpy.context.view_layer.update()
+    if change is None:
+        _changes.pop(mesh.session_uid, None)
     _stale.discard(mesh.session_uid)
     _uncovered.difference_update(each.session_uid for each in bpy.data.objects if each.data == mesh)
-    _own_writes.add(mesh.session_uid)
 
 
 def remember_measurement(measured: bpy.types.Object, *given: Any) -> None:
-    """Write the inputs of a new measurement to the object and its mesh (``still_holds.remember_measurement``): the next
-    change is the writing of the measurement."""
+    """Write the inputs of a new measurement to the object and its mesh (``still_holds.remember_measurement``), after
+    its last change by us."""
+    was_stale = is_stale(measured.data)
     still_holds.remember_measurement(measured, *given)
+    bpy.context.view_layer.update()
+    _set(_stale, measured.data, was_stale)
     _changes.pop(measured.data.session_uid, None)
-    _own_writes.add(measured.data.session_uid)
     _note_target(measured)
 
 
@@ -117,15 +117,9 @@ def due_results() -> list[bpy.types.Object]:
     return [each for each in bpy.data.objects if each.session_uid in _due and each.ccdepth.keep_updated]
 
 
-def no_longer_due(uids: Iterable[int]) -> None:
-    """Leave the results with these session identifiers until the next edit of their sources."""
-    _due.difference_update(uids)
-
-
-def due_again(uids: Iterable[int]) -> None:
-    """Make the results with these session identifiers anew when nothing has happened for a while."""
-    _due.update(uids)
-    watch.examine_soon()
+def none_due() -> None:
+    """Leave results out of date until the next edit of their sources."""
+    _due.clear()
 
 
 def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: Any) -> None:
@@ -141,7 +135,9 @@ def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: An
 
 def _examine_touched() -> bool:
     """Examine touched meshes and sources; returns whether there are any."""
-    touched, sources = set(_touched), set(_touched_sources)
+    sources = set(_touched_sources)
+    # Edited meshes are examined when they leave Edit Mode.
+    touched = {each.session_uid for each in bpy.data.meshes if each.session_uid in _touched and not each.is_editmode}
     _touched.clear()
     _touched_sources.clear()
     found = [_examine(touched)]
@@ -224,7 +220,7 @@ def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
     if holder.type == "MESH":
         _touched.update(_measured_against.get(holder.session_uid, ()))
         if mesh_values.has_any(holder.data):
-            _notice_change(holder.data, geometry)
+            _notice_change(holder, geometry)
     uid = holder.session_uid
     if uids_of_results(uid):
         _touched_sources.add(uid)
@@ -234,19 +230,20 @@ def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
         elif uid in _edited:
             _edited.discard(uid)
             _left.add(uid)
-    # Results that are due wait for the end of other work.
-    return bool(_touched or _touched_sources or _due)
+    return bool(_touched or _touched_sources)
 
 
-def _notice_change(mesh: bpy.types.Mesh, geometry: bool) -> None:
-    own_write = geometry and mesh.session_uid in _own_writes
-    if geometry:
-        _own_writes.discard(mesh.session_uid)
-    if not mesh.is_editmode or mesh_face_count(mesh) <= LARGEST_EDITED_FACE_COUNT:
+def _notice_change(holder: bpy.types.Object, geometry: bool) -> None:
+    mesh = holder.data
+    if not mesh.is_editmode:
+        _entered.discard(mesh.session_uid)
         _touched.add(mesh.session_uid)
-    elif geometry and not own_write:
+    elif geometry and mesh.session_uid not in _entered:
+        _entered.add(mesh.session_uid)
+    elif geometry:
+        # Edited since; whether that matters is examined after Edit Mode.
         _stale.add(mesh.session_uid)
-        _changes[mesh.session_uid] = f"“{mesh.name}” changed"
+        _changes[mesh.session_uid] = f"“{holder.name}” changed"
 
 
 def _find_results() -> None:
@@ -279,7 +276,7 @@ def _begin_anew() -> bool:
 
 def _forget_everything() -> None:
     global _object_count
-    for noted in (_touched, _stale, _own_writes, _uncovered, _touched_sources, _edited, _left, _changed, _due):
+    for noted in (_touched, _stale, _entered, _uncovered, _touched_sources, _edited, _left, _changed, _due):
         noted.clear()
     for kept in (_changes, _measured_against, _results):
         kept.clear()

@@ -45,7 +45,7 @@ class ResultRecord(
     keep_updated: BoolProperty(
         name="Keep Updated",
         description="Make the result anew, with its own settings, whenever an edited source leaves Edit Mode "
-        "or is made anew. Other work interrupts the run, and Esc stops the run",
+        "or is made anew. Other work or Esc stops the run, and the result is out of date then",
     )
     result_left_render: BoolProperty(description="Whether the result was taken out of the render as it was hidden")
     source_left_render: BoolProperty(description="Whether the source was taken out of the render as it was hidden")

@@ -587,23 +587,6 @@ def test_edit_mode_is_followed() -> None:
     assert made.lines() == stale(ALL)
 
 
-def test_large_meshes_in_edit_mode_are_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(addon.module("state.out_of_date"), "LARGEST_EDITED_FACE_COUNT", 5)
-    holder = scene.add_object(meshes.cube())
-    with addon.edit_mode(holder):
-        bpy.context.view_layer.update()
-        bpy.ops.ccdepth.compute()
-        assert stale_line(holder) == ""
-        bpy.ops.mesh.select_all(action="SELECT")
-        assert stale_line(holder) == ""
-        bpy.ops.transform.translate(value=(1.0, 0.0, 0.0))
-        assert stale_line(holder) == mesh_line(holder)
-    made = made_of(creased_source())
-    with addon.edit_mode(made.other):
-        bpy.ops.transform.translate(value=(1.0, 0.0, 0.0))
-        assert made.lines() == stale("other", other="“Other” changed")
-
-
 @pytest.mark.parametrize(
     ("operator", "module", "work", "change"),
     [

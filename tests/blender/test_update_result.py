@@ -436,12 +436,6 @@ def test_an_edit_is_followed_unless_the_result_was_edited_itself(kept: Kept) -> 
     source, result = kept
     edit(source)
     assert due() == [result]
-    # Any update may end what the result waits for.
-    examine = addon.module("state.watch").examine
-    addon.module("registration").do_not_call(examine)
-    scene.add_object(meshes.cube(), "Other")
-    bpy.context.view_layer.update()
-    assert bpy.app.timers.is_registered(examine)
     assert bpy.ops.ccdepth.update_kept() == {"FINISHED"}
     assert shape(result)[:, 0].max() > 3.0
     assert not due()
@@ -487,15 +481,14 @@ def test_it_is_made_with_its_own_settings(kept: Kept) -> None:
     assert bpy.context.scene.ccdepth.mode == "PER_FACE"
 
 
-def test_results_with_other_settings_have_their_turn(kept: Kept) -> None:
+def test_results_are_made_with_the_settings_of_each(kept: Kept) -> None:
     source, result = kept
     coarse = linked_copy(result)
     coarse.data = result.data.copy()
     update(coarse, tolerance=0.05)
     edit(source)
     assert set(due()) == {result, coarse}
-    for _ in range(2):
-        assert bpy.ops.ccdepth.update_kept() == {"FINISHED"}
+    assert bpy.ops.ccdepth.update_kept() == {"FINISHED"}
     assert not due()
     for each, tolerance in ((result, TOLERANCE), (coarse, 0.05)):
         assert shape(each)[:, 0].max() > 3.0
