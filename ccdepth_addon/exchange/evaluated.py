@@ -5,7 +5,7 @@ faces of the objects' own meshes."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from ..core import IndexArray
 from .blender_arrays import find_attribute, read_values, write_values
+from .changes import paused
 from .data_blocks import own_copy, unused_name
 from .mesh_arrays import own_mesh
 from .modifiers import SIMULATIONS, is_evaluated
@@ -197,15 +198,20 @@ def evaluated(
     context: bpy.types.Context, wanted: Mapping[bpy.types.Object, Sequence[bpy.types.Modifier]]
 ) -> Iterator[Evaluated]:
     """Copies of the objects that Blender must evaluate, each with its given modifiers."""
+    # Simulations will be refused, and must not begin to run.
+    copied = {
+        each: modifiers
+        for each, modifiers in wanted.items()
+        if is_evaluated(each, modifiers) and not any(modifier.type in SIMULATIONS for modifier in modifiers)
+    }
     copies = Evaluated(context)
-    try:
-        for blender_object, modifiers in wanted.items():
-            # Simulations will be refused, and must not begin to run.
-            if is_evaluated(blender_object, modifiers) and not any(each.type in SIMULATIONS for each in modifiers):
-                copies.add(blender_object, modifiers)
-        yield copies
-    finally:
-        copies.remove()
+    with paused(context) if copied else nullcontext():
+        try:
+            for each, modifiers in copied.items():
+                copies.add(each, modifiers)
+            yield copies
+        finally:
+            copies.remove()
 
 
 def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 from zlib import crc32
@@ -121,14 +121,14 @@ def content_checksum(mesh: bpy.types.Mesh) -> int:
 
     An attribute of zeros counts as none, as Blender adds and removes such attributes by itself.
     """
-    return attributes_checksum(mesh, geometry_checksum(mesh), UNREAD)
+    return attributes_checksum(mesh, geometry_checksum(mesh))
 
 
-def attributes_checksum(data: Any, checksum: int = 0, unread: Container[str] = ()) -> int:
-    """The checksum with the attributes of a mesh, of curves or of a point cloud added."""
-    for attribute in sorted(data.attributes, key=lambda each: each.name):
+def attributes_checksum(mesh: bpy.types.Mesh, checksum: int = 0) -> int:
+    """The checksum with the attributes of a mesh added that the checksum of its geometry does not have."""
+    for attribute in sorted(mesh.attributes, key=lambda each: each.name):
         name, kind = attribute.name, TYPES.get(attribute.data_type)
-        if kind is None or name.startswith(".") or name in unread:
+        if kind is None or name.startswith(".") or name in UNREAD:
             continue
         values = read_values(attribute.data, kind.value, kind.dtype, kind.width)
         if values.any():

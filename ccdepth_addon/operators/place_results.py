@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import UV_SMOOTH, new_mesh
+from ..exchange.changes import paused
 from ..exchange.control_mesh import base_mesh
 from ..exchange.data_blocks import is_writable, meshes_with, own_copy
 from ..exchange.dependencies import object_state
@@ -110,7 +111,8 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
             )
             for each, mesh in zip(made, meshes, strict=True)
         ]
-        with ExitStack() as undo:
+        # Objects of ours that come into the scene are no change of the sources.
+        with paused(context), ExitStack() as undo:
             yield places, undo
             undo.pop_all()
     except BaseException:

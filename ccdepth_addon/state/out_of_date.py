@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import bpy
 
-from ..exchange.dependencies import KnownDescriptions
+from ..exchange.changes import begin_session
 from . import mesh_values, result_record, still_holds, watch
 
 Answer = TypeVar("Answer")
@@ -21,6 +21,7 @@ Answer = TypeVar("Answer")
 # objects without depths computed for them.
 _touched: set[int] = set()
 _stale: set[int] = set()
+_unchecked: set[int] = set()
 _entered: set[int] = set()
 _uncovered: set[int] = set()
 
@@ -48,6 +49,11 @@ def is_stale(mesh: bpy.types.Mesh) -> bool:
     return mesh.session_uid in _stale
 
 
+def is_unchecked(holder: bpy.types.ID) -> bool:
+    """Whether depths on a mesh, or a result, depend on other data that may have changed before the file was opened."""
+    return holder.session_uid in _unchecked
+
+
 def is_uncovered(blender_object: bpy.types.Object) -> bool:
     """Whether the depths on the object's mesh were not computed for an object like it, as far as examined."""
     return blender_object.session_uid in _uncovered
@@ -62,7 +68,7 @@ def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object])
     """The objects whose depths no longer hold, examined now; panels show the same."""
     context.view_layer.update()
     _examine({blender_object.data.session_uid for blender_object in objects})
-    return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
+    return [each for each in objects if is_stale(each.data) or is_unchecked(each.data) or is_uncovered(each)]
 
 
 def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
@@ -72,7 +78,8 @@ def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
     bpy.context.view_layer.update()
     if change is None:
         _changes.pop(mesh.session_uid, None)
-    _stale.discard(mesh.session_uid)
+    for each in (_stale, _unchecked):
+        each.discard(mesh.session_uid)
     _uncovered.difference_update(each.session_uid for each in bpy.data.objects if each.data == mesh)
 
 
@@ -129,6 +136,7 @@ def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: An
     _touched_sources.update((source.session_uid, result.session_uid))
     _left.add(result.session_uid)
     _changed.discard(result.session_uid)
+    _unchecked.discard(result.session_uid)
     _due.discard(result.session_uid)
     _results.setdefault(source.session_uid, set()).add(result.session_uid)
 
@@ -151,13 +159,13 @@ def _examine_touched() -> bool:
 def _examine(uids: set[int]) -> bool:
     """Examine the depths and deviations on these meshes; returns whether there are any."""
     users = _users_of_values(uids)
-    known: KnownDescriptions = {}
     for mesh, objects in users.items():
         if mesh_values.has_depths(mesh):
             # Depths that cannot be examined count as stale.
-            found = _tried(still_holds.examine, mesh, objects, known)
+            found = _tried(still_holds.examine, mesh, objects)
             uncovered = set(found.uncovered) if found else set()
             _set(_stale, mesh, found is None or found.has_changed)
+            _set(_unchecked, mesh, found is not None and found.is_unchecked)
             for holder in objects:
                 _set(_uncovered, holder, holder in uncovered)
         _changes.pop(mesh.session_uid, None)
@@ -174,8 +182,14 @@ def _examine_results_of(source: bpy.types.Object) -> bool:
     made = result_record.results_of(source)
     for result in made:
         # A source that cannot be examined counts as changed.
-        changed = _tried(result_record.source_has_changed, result, source) is not False
+        try:
+            is_same = result_record.source_is_same(result, source)
+        except Exception:
+            traceback.print_exc()
+            is_same = False
+        changed = is_same is False
         _set(_changed, result, changed)
+        _set(_unchecked, result, is_same is None)
         if changed and has_left and _is_kept_updated(result):
             _due.add(result.session_uid)
     return bool(made)
@@ -276,11 +290,12 @@ def _begin_anew() -> bool:
 
 def _forget_everything() -> None:
     global _object_count
-    for noted in (_touched, _stale, _entered, _uncovered, _touched_sources, _edited, _left, _changed, _due):
+    for noted in (_touched, _stale, _unchecked, _entered, _uncovered, _touched_sources, _edited, _left, _changed, _due):
         noted.clear()
     for kept in (_changes, _measured_against, _results):
         kept.clear()
     _object_count = -1
+    begin_session()
 
 
 watch.clients.append(

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
-from zlib import crc32
 
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
 
-from ..exchange.dependencies import object_state
+from ..exchange.dependencies import compared, object_state
 from ..exchange.mesh_arrays import content_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers
 from ..tasks.surfaces import shortest_decimal
@@ -135,14 +134,14 @@ def source_checksum(source: bpy.types.Object, *, use_modifiers: bool) -> str:
     """A checksum of everything in a source that shapes its results, without materials, and without weights read by no
     modifier; not in Edit Mode."""
     content = content_checksum(source.data)
-    state = object_state(source, use_modifiers=use_modifiers)
-    return f"{crc32(state.checksum.encode(), content):08x}"
+    return f"{content:08x}-{object_state(source, use_modifiers=use_modifiers).checksum}"
 
 
-def source_has_changed(result: bpy.types.Object, source: bpy.types.Object) -> bool:
-    """Whether the source, outside Edit Mode, has changed since the result was made."""
+def source_is_same(result: bpy.types.Object, source: bpy.types.Object) -> bool | None:
+    """Whether the source, outside Edit Mode, is as it was when the result was made; None if that is not known, as other
+    data may have changed before the file was opened."""
     record = result.ccdepth
-    return source_checksum(source, use_modifiers=record.use_modifiers) != record.source_checksum
+    return compared(record.source_checksum, source_checksum(source, use_modifiers=record.use_modifiers))
 
 
 def is_edited(result: bpy.types.Object) -> bool:

@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray
-from ..exchange.dependencies import KnownDescriptions, ObjectState, object_state, shown_checksum
+from ..exchange.dependencies import ObjectState, compared, object_state, shown_checksum
 from ..exchange.displayed_mesh import shown_modifiers
 from ..exchange.evaluated import is_placed
 from ..exchange.face_values import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
 from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_mesh
 from . import mesh_values
+
+# The change since a measurement that depends on other data, of which nothing is known from before the file was opened.
+UNCHECKED = "not checked since opening"
 
 # The largest relative drift of an object's scale by rounding while the object is turned.
 SCALE_DRIFT = 1e-5
@@ -29,11 +32,12 @@ DRIFT = 2e-6
 
 
 class Examination(NamedTuple):
-    """Whether the mesh, or an object of the computation, has changed; and the users of the mesh without depths
-    of their own: new objects, and objects that changed."""
+    """Whether the mesh, or an object of the computation, has changed; the users of the mesh without depths of their
+    own: new objects, and objects that changed; and whether other data may have changed before the file was opened."""
 
     has_changed: bool
     uncovered: list[bpy.types.Object]
+    is_unchecked: bool = False
 
 
 class MeasuredState(NamedTuple):
@@ -81,26 +85,25 @@ def _with_values(geometry: int, mesh: bpy.types.Mesh, kind: AttributeKind) -> st
     return f"{geometry if values is None else continued(geometry, kind.name, values):08x}"
 
 
-def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: KnownDescriptions) -> Examination:
+def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> Examination:
     """Compare the mesh's record with the present mesh and all the objects that use it.
 
     Depths over frames are compared by the states of the objects on the scene's frame; on a frame without known states,
-    the mesh alone is compared. known: descriptions of other objects made at the same time, so that nothing is read
-    twice.
+    the mesh alone is compared.
     """
     record = mesh.ccdepth
     contributors = list(_contributors(record))
     if record.frames and not contributors:
         return Examination(not (users and _is_same_mesh(mesh, users[0])), [])
     states = [
-        object_state(user, use_modifiers=record.use_modifiers, with_vertices=record.follows_objects, known=known)
-        for user in users
+        object_state(user, use_modifiers=record.use_modifiers, with_vertices=record.follows_objects) for user in users
     ]
     present = [(state.checksum, state.scale) for state in states]
     recorded = [(each.checksum, np.array(each.gram, dtype=np.float64)) for each in contributors]
     is_intact = bool(users) and _is_same_mesh(mesh, users[0]) and all(_are_among(recorded, present))
     covered = zip(users, _are_among(present, recorded), strict=True)
-    return Examination(not is_intact, [user for user, is_covered in covered if not is_covered])
+    unknown = any(compared(one, other) is None for one, _ in recorded for other in {each for each, _ in present})
+    return Examination(not is_intact, [user for user, is_covered in covered if not is_covered], unknown)
 
 
 def _is_same_mesh(mesh: bpy.types.Mesh, user: bpy.types.Object) -> bool:
@@ -118,15 +121,18 @@ def _contributors(record: bpy.types.PropertyGroup) -> Iterator[bpy.types.Propert
 
 
 def _are_among(states: Sequence[tuple[str, FloatArray]], others: Sequence[tuple[str, FloatArray]]) -> list[bool]:
-    """Whether each of the states, checksums with scales (6,), is one of the others, or has drifted from it by
+    """Whether each of the states, checksums with scales (6,), may be one of the others, or has drifted from it by
     rounding."""
     scales: dict[str, list[FloatArray]] = {}
     for checksum, scale in others:
         scales.setdefault(checksum, []).append(scale)
     known = {checksum: np.array(found) for checksum, found in scales.items()}
     return [
-        checksum in known
-        and bool(np.any(np.abs(known[checksum] - scale).max(axis=1) <= SCALE_DRIFT * np.abs(scale).max()))
+        any(
+            np.any(np.abs(found - scale).max(axis=1) <= SCALE_DRIFT * np.abs(scale).max())
+            for other, found in known.items()
+            if compared(checksum, other) is not False
+        )
         for checksum, scale in states
     ]
 
@@ -208,13 +214,16 @@ def _change_for(measured: bpy.types.Object) -> str:
         return f"“{measured.name}” changed"
     state = measured_state(measured, target, use_modifiers=found.use_modifiers)
     before, now = found.fingerprint.split(), _checksums(measured, state)
-    if before != now:
-        return f"“{(measured if before[:2] != now[:2] else target).name}” changed"
+    alike = [compared(*pair) for pair in zip(before, now, strict=True)] if len(before) == len(now) else [False]
+    if False in alike:
+        return f"“{(measured if False in alike[:2] else target).name}” changed"
     recorded = np.array(found.placement, dtype=np.float64)
     has_moved = np.abs(recorded - state.placement) > DRIFT * np.abs(recorded).max()
     if has_moved[:6].any():
         return f"“{target.name}” was scaled"
-    return "objects were moved" if has_moved.any() else ""
+    if has_moved.any():
+        return "objects were moved"
+    return UNCHECKED if None in alike else ""
 
 
 def _checksums(measured: bpy.types.Object, state: MeasuredState) -> list[str]:

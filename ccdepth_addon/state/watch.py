@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from ..exchange.changes import note_changes
 from ..registration import add_handlers, call_soon, do_not_call, is_of_window, remove_handlers
 from . import viewports
 
@@ -63,6 +64,11 @@ def _tell(answers: list[object]) -> None:
 def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if not is_of_window(depsgraph):
         return
+    note_changes(depsgraph, is_frame=False)
+    _tell_updates(depsgraph)
+
+
+def _tell_updates(depsgraph: bpy.types.Depsgraph) -> None:
     for update in depsgraph.updates:
         holder = update.id.original
         if isinstance(holder, bpy.types.Object) and (update.is_updated_geometry or update.is_updated_transform):
@@ -74,7 +80,8 @@ def _notice_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Non
     # In renders the shown frame stays.
     if not is_of_window(depsgraph):
         return
-    _notice_updates(scene, depsgraph)
+    note_changes(depsgraph, is_frame=True)
+    _tell_updates(depsgraph)
     _tell([client.frame_changed() for client in clients])
 
 

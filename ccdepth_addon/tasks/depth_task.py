@@ -29,7 +29,7 @@ from ..core import (
     worst_pose,
 )
 from ..exchange.control_mesh import ControlMeshError, SharedMeshes, read_control_mesh
-from ..exchange.dependencies import KnownDescriptions, ObjectState, object_state
+from ..exchange.dependencies import ObjectState, object_state
 from ..exchange.evaluated import evaluated, in_batches
 from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
 from ..exchange.modifiers import OF_OBJECT, counted_modifiers, shown_vertices
@@ -171,10 +171,9 @@ def prepare_depths(
             yield from _read_objects(context, objects, work, frame)
     if scene.frame_current not in frames:
         # On this frame changes can be noticed, too.
-        known: KnownDescriptions = {}
         for each in objects:
             if each.data.session_uid in work.tasks:
-                state = _state(each, settings, known, scene.frame_current)
+                state = _state(each, settings, scene.frame_current)
                 work.tasks[each.data.session_uid].states.append(state)
     return work
 
@@ -194,7 +193,6 @@ def _read_objects(
                 # Meanwhile the animation may play.
                 context.scene.frame_set(frame)
         read += len(batch)
-        known: KnownDescriptions = {}
         context.view_layer.update()
         counted = {each: counted_modifiers(each, use_modifiers=use_modifiers) for each in batch}
         with evaluated(context, counted) as copies:
@@ -208,16 +206,12 @@ def _read_objects(
                     task = _task_of(each, work.tasks)
                     surface = surface_of(each.name, control, settings)
                     task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
-                    task.states.append(_state(each, settings, known, frame))
+                    task.states.append(_state(each, settings, frame))
 
 
-def _state(
-    blender_object: bpy.types.Object, settings: DepthSettings, known: KnownDescriptions, frame: int | None
-) -> ObjectState:
+def _state(blender_object: bpy.types.Object, settings: DepthSettings, frame: int | None) -> ObjectState:
     """The part of an object's state on a frame on which its depths by these settings depend."""
-    state = object_state(
-        blender_object, use_modifiers=settings.use_modifiers, with_vertices=settings.follows_objects, known=known
-    )
+    state = object_state(blender_object, use_modifiers=settings.use_modifiers, with_vertices=settings.follows_objects)
     return replace(state, frame=frame)
 
 

@@ -8,10 +8,10 @@ import bpy
 from ..state import mesh_values, out_of_date
 from ..state.chosen import chosen, to_measure
 from ..state.properties import tolerance_name
-from ..state.still_holds import measured_to_show
+from ..state.still_holds import UNCHECKED, measured_to_show
 from ..tasks.surfaces import ComputeError
 from .facts import draw_facts, facts_of_measurement
-from .panels import draw_main_button, draw_state_line
+from .panels import NOT_CHECKED, draw_main_button, draw_state_line
 from .sidebar import SidebarPanel, settings_column
 
 # The icon and the text of each verdict.
@@ -97,7 +97,7 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     """The reason why the measurement is out of date; empty where the measurement holds."""
     if change := out_of_date.change_since_measured(mesh):
-        return f"Out of date: {change}"
+        return NOT_CHECKED if change == UNCHECKED else f"Out of date: {change}"
     found, name = mesh.ccdepth.measurement, tolerance_name(settings.tolerance_mode)
     current = (getattr(settings, name), settings.tolerance_mode, settings.accuracy, settings.use_modifiers)
     measured = (found.tolerance, found.tolerance_mode, found.accuracy, found.use_modifiers)

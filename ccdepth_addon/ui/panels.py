@@ -28,6 +28,9 @@ SWATCH_SIZE = 16
 # The line for a result of Apply Adaptive Subdivision with another mesh than the one made.
 RESULT_EDITED = "Result edited; Update keeps your version"
 
+# The line for values that depend on data which may have changed before the file was opened.
+NOT_CHECKED = "Not checked since opening"
+
 # The largest length of the list of several objects.
 MOST_OBJECTS = 8
 
@@ -163,6 +166,8 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
         return RESULT_EDITED if has_source and not is_uncovered else f"Out of date: mesh “{mesh.name}” changed"
     if is_uncovered:
         return "Not computed for this object"
+    if out_of_date.is_unchecked(mesh):
+        return NOT_CHECKED
     if record.subdivision:
         return "" if holder is None else _changed_since_made(settings, holder)
     frames = chosen_frames(settings.id_data, settings.frames, settings.frame_list)
@@ -188,6 +193,8 @@ def _changed_since_made(settings: bpy.types.PropertyGroup, result: bpy.types.Obj
         return ""
     if out_of_date.source_has_changed(result):
         return f"Out of date: “{result.ccdepth.source.name}” changed"
+    if out_of_date.is_unchecked(result):
+        return NOT_CHECKED
     return "Out of date: settings changed" if result_record.settings_have_changed(result, settings) else ""
 
 
