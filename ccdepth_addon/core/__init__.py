@@ -17,11 +17,7 @@ from .attributes.interpolation import (
     at_vertices,
     interpolated,
     interpolated_at_vertices,
-    join_transformations,
     nearest_vertices,
-    split_transformations,
-    to_quaternions,
-    to_rotation_vectors,
 )
 from .bounds.rounding import largest_coordinates, rounding_allowance, smallest_step
 from .depth.common_level import common_level
@@ -90,7 +86,6 @@ __all__ = [
     "face_varying_surface",
     "interpolated",
     "interpolated_at_vertices",
-    "join_transformations",
     "largest_coordinates",
     "limit_normals",
     "limit_values",
@@ -104,10 +99,7 @@ __all__ = [
     "raised_depths",
     "rounding_allowance",
     "smallest_step",
-    "split_transformations",
     "subdivide_adaptively",
-    "to_quaternions",
-    "to_rotation_vectors",
     "uniform_level",
     "validate",
     "worst_pose",

@@ -3,8 +3,8 @@
 
 Like the Subdivision Surface modifier when it is applied, but for these:
 
-- Integers and texts come from the nearest vertex or corner. The modifier averages integers to meaningless numbers, or
-  leaves zeros, by version and type, and drops texts.
+- Integers, texts, quaternions and matrices come from the nearest vertex or corner. The modifier averages integers to
+  meaningless numbers, or leaves zeros, by version and type, and drops texts.
 - Vertex creases stay at the vertices; the modifier spreads them over the faces around.
 - Selected and hidden parts stay whole; the modifier drops the edges inside faces.
 - Edges with a crease of 1 are marked sharp, as they are sharp on the surface.
@@ -33,12 +33,8 @@ from ..core import (
     crease_to_sharpness,
     face_varying_surface,
     interpolated,
-    join_transformations,
     limit_values,
     nearest_vertices,
-    split_transformations,
-    to_quaternions,
-    to_rotation_vectors,
 )
 from .blender_arrays import TYPES, ValueType, find_attribute, read_values, write_attribute, write_values
 from .face_values import BOUND, COLOR, DEPTH, DEVIATION
@@ -52,6 +48,8 @@ LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, DEVIATION, COLOR}
 CUSTOM_NORMAL = "custom_normal"
 # Since this version normals can be stored as vectors; before, only as two 16-bit angles from Blender's own.
 FREE_NORMALS = (4, 5)
+# Averages of rotations are none.
+ROTATIONS = {"QUATERNION", "FLOAT4X4"}
 # Flags of vertices, edges and faces, by the prefix of their names.
 FLAGS = (".select", ".hide")
 FLAG_DOMAINS = {f"{flag}_{kind}": domain for flag in FLAGS for kind, domain in (("vert", "POINT"), ("edge", "EDGE"))}
@@ -98,7 +96,7 @@ class AttributeTransfer:
             return _copied(values, self.subdivided.base_edges, kind)
         if attribute.name == VERTEX_CREASE and attribute.domain == "POINT":
             return _copied(values, self.subdivided.base_vertices, kind)
-        if np.issubdtype(values.dtype, np.integer):
+        if attribute.data_type in ROTATIONS or np.issubdtype(values.dtype, np.integer):
             return values[self._sources(attribute.domain)]
         return self._spread(attribute, values)
 
@@ -111,15 +109,10 @@ class AttributeTransfer:
         def at(points: SurfacePoints) -> Values:
             return self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
 
-        # Splitting and joining may change values, so vertices that stay keep theirs.
         return at_vertices(self.subdivided, values, at, self.subdivided.base_vertices >= 0)
 
     def _interpolated(self, data_type: str, values: Values, sample: Callable[[Evaluate], Values]) -> Values:
         """``values`` (C, D) at the base's corners, interpolated to the points of ``sample``."""
-        if data_type == "QUATERNION":
-            return to_quaternions(self._linearly(to_rotation_vectors(values.astype(np.float64)), sample))
-        if data_type == "FLOAT4X4":
-            return join_transformations(self._linearly(split_transformations(values.astype(np.float64)), sample))
         if data_type == "BOOLEAN":
             # True if one corner with a weight is, as in the modifier.
             return self._linearly(values.astype(np.float64), sample) > 0

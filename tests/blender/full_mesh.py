@@ -31,8 +31,6 @@ SAME_POINT = 1e-5
 
 # Blender interpolates in single precision: a handful of products and sums for each value, all of them of size 1 or so.
 ROUNDING = 32 * float(np.finfo(np.float32).eps)
-# It takes rotations apart and puts them together again by functions that lose more.
-ROTATION_ROUNDING = 2e-6
 # A level of UVs rounds weights, their products and sums; UVs are of size 4 at most.
 UV_ROUNDING = 4 * 3 * LEVEL * float(np.finfo(np.float32).eps)
 # Byte colours: one rounds, the other cuts off, by version.

@@ -32,56 +32,16 @@ def test_numbers_are_interpolated_as_the_modifier_does(comparison: Comparison, d
 
 
 @pytest.mark.parametrize("domain", SPREAD)
-def test_rotations_are_interpolated_as_the_modifier_does(comparison: Comparison, domain: str) -> None:
-    own, blenders = comparison.pair(f"{domain} QUATERNION")
-    np.testing.assert_allclose(np.linalg.norm(own, axis=1), 1.0, atol=full_mesh.ROUNDING)
-    signed = np.sign(np.sum(own * blenders, axis=1, keepdims=True)) * blenders
-    # Since 5.2 the middle of a face that is no quad gets an average of another kind.
-    compared = in_quads(comparison, domain) if bpy.app.version >= (5, 2) else np.ones(len(own), dtype=bool)
-    np.testing.assert_allclose(own[compared], signed[compared], atol=full_mesh.ROTATION_ROUNDING, rtol=0)
-
-
-def in_quads(comparison: Comparison, domain: str) -> NDArray[np.bool_]:
-    """Which vertices or corners of ours touch no base face but quads."""
-    corners = np.repeat(comparison.control.face_sizes[comparison.subdivided.base_faces] == 4, 4)
-    if domain == "CORNER":
-        return corners
-    touched = np.ones(len(comparison.mesh.vertices), dtype=bool)
-    touched[comparison.subdivided.corner_vertices[~corners]] = False
-    return touched
-
-
-@pytest.mark.parametrize("domain", SPREAD)
-def test_locations_and_scales_are_interpolated_as_the_modifier_does(comparison: Comparison, domain: str) -> None:
-    own, blenders = (matrices.reshape(-1, 4, 4) for matrices in comparison.pair(f"{domain} FLOAT4X4"))
-    if np.all(blenders[own[:, 3, 0] != blenders[:, 3, 0]] == np.eye(4)):
-        pytest.skip("the modifier of this version makes identities of transformations")
-    np.testing.assert_allclose(own[:, 3], blenders[:, 3], atol=full_mesh.ROUNDING, rtol=0)
-    # Its way to average rotations is another one; both keep them free of shear.
-    scales, blender_scales = (np.linalg.norm(matrices[:, :3, :3], axis=2) for matrices in (own, blenders))
-    np.testing.assert_allclose(scales, blender_scales, atol=full_mesh.ROTATION_ROUNDING, rtol=0)
-
-
-def test_transformations_are_taken_apart_and_put_together_again() -> None:
-    """Mirrored ones as well; what the modifier makes of them differs by version."""
-    values = addon.module("core.attributes.interpolation")
-    matrices = full_mesh.random_transformations(200, np.random.default_rng(3))
-    matrices.reshape(-1, 4, 4)[::2, :3, :3] *= -1
-    again = values.join_transformations(values.split_transformations(matrices))
-    np.testing.assert_allclose(again, matrices, atol=1e-6)
-
-
-@pytest.mark.parametrize("domain", SPREAD)
-def test_integers_are_those_of_the_nearest_vertex_or_corner(comparison: Comparison, domain: str) -> None:
+def test_integers_and_rotations_are_those_of_the_nearest_vertex_or_corner(comparison: Comparison, domain: str) -> None:
     control, subdivided = comparison.control, comparison.subdivided
     points = subdivided.vertex_points if domain == "POINT" else subdivided.corner_points
     sources = control.corner_vertices[points.corners] if domain == "POINT" else points.corners
     staying = np.all(points.parameters == 0, axis=1)
-    for data_type in sorted(full_mesh.INTEGERS & set(known_types())):
+    for data_type in sorted((full_mesh.INTEGERS | {"QUATERNION", "FLOAT4X4"}) & set(known_types())):
         own, blenders = comparison.pair(f"{domain} {data_type}")
         np.testing.assert_array_equal(own, read(comparison.base, f"{domain} {data_type}")[sources])
         # Elsewhere the modifier averages them or leaves zeros; where a vertex stays it agrees.
-        if data_type == "INT" or domain == "POINT":
+        if data_type == "INT" or (domain == "POINT" and data_type in full_mesh.INTEGERS):
             np.testing.assert_array_equal(own[staying], blenders[staying])
 
 
@@ -177,8 +137,7 @@ def test_attributes_may_have_any_values(value: float) -> None:
 
     None of the warnings of numpy are printed, which pytest would take for errors.
     """
-    taken_apart = {"QUATERNION", "FLOAT4X4"}
-    types = ["FLOAT", "FLOAT2", "FLOAT_COLOR", *taken_apart]
+    types = ["FLOAT", "FLOAT2", "FLOAT_COLOR"]
     holder = scene.add_object(meshes.triangles_and_quads())
     for domain, count in (("POINT", len(holder.data.vertices)), ("CORNER", len(holder.data.loops))):
         place = np.arange(count) == 3
@@ -198,11 +157,10 @@ def test_attributes_may_have_any_values(value: float) -> None:
         assert far.any()
         for data_type in types:
             found = read(result.data, f"{domain} {data_type}")
-            # Vertices that stay keep theirs. Corners are interpolated, where infinity times a weight of 0 is no number;
-            # rotations and transformations are taken apart for it and come back as something else.
-            if domain == "POINT" or (np.isfinite(value) and data_type not in taken_apart):
+            # Vertices that stay keep theirs. Corners are interpolated, where infinity times a weight of 0 is no number.
+            if domain == "POINT" or np.isfinite(value):
                 np.testing.assert_array_equal(found[near == 1.0], np.float32(value))
-            elif data_type not in taken_apart:
+            else:
                 assert not np.isfinite(found[near == 1.0]).any()
             assert np.isfinite(found[far]).all()
 
