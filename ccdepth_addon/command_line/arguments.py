@@ -27,7 +27,7 @@ OVER_FRAMES = {DEPTHS, LEVELS}
 
 STANDARD_OUTPUT = "-"
 
-# The longest name in bytes: one less than file systems allow, for the number of earlier versions.
+# The longest name in bytes; file systems allow one more.
 LONGEST_NAME = 254
 
 # The options that --gather allows.
