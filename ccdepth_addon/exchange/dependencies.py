@@ -115,7 +115,7 @@ def _crease_groups(holder: bpy.types.Object) -> list[str]:
 
 def _depends_on_more(modifier: bpy.types.Modifier) -> bool:
     """Whether a modifier depends on other data, or on weights and attributes of the mesh."""
-    if modifier.type in HIDDEN_STATE or getattr(modifier, "vertex_group", ""):
+    if modifier.type in HIDDEN_STATE or read_setting(modifier, "vertex_group"):
         return True
     values = (read_setting(modifier, name) for name in settings_of(modifier))
     return modifier.type == "EDGE_SPLIT" or any(isinstance(value, bpy.types.ID) for value in values)
