@@ -277,3 +277,8 @@ def test_the_line_under_several_measured_objects_has_the_tolerance_of_the_worst(
     assert tolerance.endswith(" m")
     assert text.startswith(f"Tolerance {tolerance} · Largest deviation proved: ")
     assert record.deviation > small.data.ccdepth.deviation
+
+
+def test_one_face_of_many_is_not_told_as_none_on_the_page() -> None:
+    histogram = addon.module("command_line.report_page")._histogram
+    assert "&lt; 0.1 %" in histogram([(1, 125_000), (2, 1)])
