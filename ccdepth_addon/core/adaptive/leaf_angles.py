@@ -19,6 +19,7 @@ from ..arrays.vectors import lengths, units
 from ..distance.leaf_surfaces import MOST_REFINED_LEVELS, Tiles
 from ..distance.piece_hulls import Pieces
 from ..distance.pieces import Form
+from ..surface.sharpness import has_semi_sharp
 from .leaf_bounds import bound_at_equal, drawn_tiles, joined_by_points
 from .leaf_normals import leaf_normals
 from .leaf_triangles import LeafTriangles
@@ -31,8 +32,8 @@ from .surface_pieces import pieces_of_tiles
 # Leaves, and pieces, worked through together.
 LEAVES_AT_ONCE, PIECES_AT_ONCE = 1 << 11, 1 << 10
 
-# The rest around a vertex has at most about this size, in parts of the limit.
-SIZE_OF_REST = 0.25
+# The rest around a vertex has at most about this size, in parts of the limit and of its leaf.
+REST_OF_LIMIT, REST_OF_LEAF = 0.25, 1 / 64
 
 
 def beyond_angles(plan: Plan) -> tuple[IndexArray, IndexArray]:
@@ -93,18 +94,18 @@ def bound_angles(plan: Plan, leaves: IndexArray) -> None:
     angles, distances = np.full((2, len(leaves)), np.inf), np.full(len(leaves), np.inf)
 
     def put(chosen: BoolArray, found: FloatArray, off: FloatArray) -> None:
-        better = chosen & (off <= limit)
+        paired = chosen & (off <= plan.request.reach)
         largest = np.maximum.reduceat(found + drawn.allowances, firsts[:-1], axis=1)
-        angles[:, better] = np.minimum(angles[:, better], largest[:, better])
-        distances[better] = np.minimum(distances[better], off[better])
+        angles[:, paired] = np.minimum(angles[:, paired], largest[:, paired])
+        within = chosen & (off <= limit)
+        distances[within] = np.minimum(distances[within], off[within])
 
-    known, are_bicubic = plan.at_equal.values[leaves], plan.surfaces.are_bicubic(leaves)
-    is_usable = ~are_bicubic | (known <= limit)
+    every = np.ones(len(leaves), dtype=bool)
     found = MeasuredPieces.none(drawn, wanted[:, triangles.leaves])
-    for some, form, is_narrow in _of_leaves(pieces, drawn, is_usable):
+    for some, form, is_narrow in _of_leaves(pieces, drawn, every):
         found.include_at_equal(some, form, is_narrow=is_narrow)
-    off = np.where(are_bicubic, known, found.distances_at_equal() + approximation.thickness)
-    put(is_usable, found.angles, off)
+    off = found.distances_at_equal() + approximation.thickness
+    put(every, found.angles, np.minimum(off, plan.at_equal.values[leaves]))
     is_left = (angles > wanted).any(axis=0) | np.isinf(distances)
     found = MeasuredPieces.none(drawn.along_common_axes(), wanted[:, triangles.leaves])
     for some, form, is_narrow in _of_leaves(pieces, drawn, is_left):
@@ -121,8 +122,11 @@ def _pieces(
 ) -> Iterator[tuple[Pieces, Form, bool]]:
     """The pieces of the surface over the triangles of leaves, joined by form, and whether they are too narrow."""
     found: defaultdict[tuple[int, int, bool], list[tuple[Pieces, Form]]] = defaultdict(list)
+    semi_sharp = _are_semi_sharp(plan, leaves)
     for tiles in joined_by_points(drawn_tiles(plan, leaves, _levels(plan, leaves))):
-        narrow = _are_narrow(tiles.tiles, plan.request.reach)
+        sizes = _sizes(tiles.tiles)
+        narrow = semi_sharp[tiles.leaves] & (sizes.min(axis=0) < plan.request.reach)
+        narrow |= sizes.max(axis=0) < REST_OF_LIMIT * plan.request.limit
         for is_narrow in (False, True):
             some = tiles.at(np.flatnonzero(narrow == is_narrow))
             if len(some.leaves):
@@ -151,19 +155,30 @@ def _levels(plan: Plan, leaves: IndexArray) -> int:
     starts = np.cumsum(counts) - counts
     corners = plan.positions.of(plan.tree.slot_vertices[plan.tree.slots(others)])
     sizes = lengths(np.maximum.reduceat(corners, starts) - np.minimum.reduceat(corners, starts))
-    needed = np.ceil(np.log2(4 * sizes.max() / (SIZE_OF_REST * plan.request.limit)))
+    needed = np.ceil(np.log2(4 * np.maximum(sizes.max() / (REST_OF_LIMIT * plan.request.limit), 1 / REST_OF_LEAF)))
     return int(np.clip(needed, 2, MOST_REFINED_LEVELS))
 
 
-def _are_narrow(tiles: Tiles, width: float) -> BoolArray:
-    """(P,) bool: whether two opposite sides of tiles are shorter than a width; all rests are too narrow."""
+def _are_semi_sharp(plan: Plan, leaves: IndexArray) -> BoolArray:
+    """(n,) bool: whether the surface over leaves is narrow at semi-sharp edges or vertices; elsewhere tiles are small
+    around vertices without a reason in the shape."""
+    found, is_quad = np.zeros(len(leaves), dtype=bool), plan.tree.is_quad(leaves)
+    for some in (is_quad, ~is_quad):
+        own = np.flatnonzero(some & ~plan.surfaces.are_bicubic(leaves))
+        for places, refinement in plan.surfaces.refinements(leaves[own]):
+            at_corners = has_semi_sharp(refinement.mesh)[refinement.corner_vertices()]
+            found[own[places]] = np.logical_or.reduceat(at_corners, refinement.mesh.face_starts[: len(places)])
+    return found
+
+
+def _sizes(tiles: Tiles) -> FloatArray:
+    """(2, P): the lengths of tiles along u and v, the larger of two opposite sides; of rests infinite."""
     if not tiles.are_bicubic:
-        return np.ones(tiles.points.shape[1], dtype=bool)
+        return np.full((2, tiles.points.shape[1]), np.inf)
     net = tiles.points.reshape(4, 4, -1, 3)
     along = lengths(np.diff(net[:, [0, 3]], axis=0)).sum(axis=0).max(axis=0)
     across = lengths(np.diff(net[[0, 3]], axis=1)).sum(axis=1).max(axis=0)
-    found: BoolArray = np.minimum(along, across) < width
-    return found
+    return np.stack([along, across])
 
 
 def _stored_normals(plan: Plan, leaves: IndexArray, triangles: LeafTriangles) -> FloatArray:

@@ -155,7 +155,7 @@ class MeasuredPieces:
     def include_at_equal(self, pieces: Pieces, form: Form, *, is_narrow: bool) -> None:
         """Include pieces at equal parameters. is_narrow: whether they are too narrow for their angles to count."""
         np.maximum.at(self.off, pieces.triangles, off_at_equal(pieces))
-        if not is_narrow:
+        if form.quarters and not is_narrow:
             self._include_angles(pieces, form, self._linear_normals)
 
     def include_along_axis(self, pieces: Pieces, form: Form, *, is_narrow: bool) -> None:

@@ -21,10 +21,13 @@ from ..arrays.vectors import (
 from ..surface.triangle_coefficients import bicubic_basis
 from .leaf_approximation import ways_by_coefficients
 from .rectangle_tree import ALONG_U, ALONG_V
-from .templates import QUAD_POINTS, TRIANGLE_COUNTS, TRIANGLES, template_groups
+from .templates import INWARDS, QUAD_POINTS, TRIANGLE_COUNTS, TRIANGLES, template_groups
 
 # The cross product of tangents below this part of their product has no direction.
 NO_AREA = 1e-12
+
+# The part of a quad that is a little inside.
+A_LITTLE = 2.0**-8
 
 # The places of samples along a line of parameters.
 ALONG = np.linspace(0.0, 1.0, 5)
@@ -35,9 +38,13 @@ TELLING, TIE = 0.25, 1e-6
 
 
 def normals_of_quads(coefficients: FloatArray) -> FloatArray:
-    """(8, P, 3): the normals of bicubic quads with coefficients (16, P, 3), at ``QUAD_POINTS``; zero where there is
-    none."""
-    return _normals_at(coefficients, QUAD_POINTS)
+    """(8, P, 3): the normals of bicubic quads with coefficients (16, P, 3), at ``QUAD_POINTS``; where there is none, as
+    between coincident vertices, those a little inside."""
+    found = _normals_at(coefficients, QUAD_POINTS)
+    missing = ~found.any(axis=2)
+    if missing.any():
+        found[missing] = _normals_at(coefficients, QUAD_POINTS + A_LITTLE * INWARDS)[missing]
+    return found
 
 
 def ways_of_normals(coefficients: FloatArray, angle: float) -> IndexArray:
@@ -147,5 +154,9 @@ def _normals_at(coefficients: FloatArray, places: FloatArray) -> FloatArray:
     bases = _tangent_bases(tuple(map(tuple, places.tolist())))
     first, second = (transformed_nets(basis, coefficients) for basis in bases)
     normals = cross_products(first, second)
-    clear = squared_norms(normals) > NO_AREA**2 * squared_norms(first) * squared_norms(second)
+    lengths_of = squared_norms(first), squared_norms(second)
+    clear = squared_norms(normals) > NO_AREA**2 * lengths_of[0] * lengths_of[1]
+    # Between coincident vertices tangents are nothing but rounding.
+    least = (NO_AREA * np.abs(coefficients).max(axis=(0, 2))) ** 2
+    clear &= (lengths_of[0] > least) & (lengths_of[1] > least)
     return np.where(clear[..., None], units(normals), 0.0)
