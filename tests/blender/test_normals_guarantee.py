@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The promise of the angles of adaptive subdivision: every point of the limit surface has near by a drawn point whose
+normal is within the angle, and the other way round.
+
+The surface is Blender's own Subdivision Surface modifier with Use Limit Surface, some levels deeper: its facets are
+points with normals. Nothing of the add-on but the result is asked.
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+
+import bpy
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
+from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
+from ccdepth_addon.core.arrays.vectors import units
+from tests import meshes
+from tests.blender import scene
+from tests.thorough import each
+
+LEVEL = 6
+MOST_FACES = 100_000
+
+# Facets of the deep level turn by so much, in degrees, on the meshes here: at level 6 a face that turns by 60 degrees
+# has facets 1 degree apart.
+FACETS_APART = 1.0
+
+# Points are compared within twice the tolerance; samples lie this part of the tolerance apart.
+SPACING = 0.4
+
+
+def rings() -> meshes.MeshData:
+    """Three coincident rings around a cylinder."""
+    return meshes.cylinder(8, ((1, -1), (1, 0), (1, 0), (1, 0), (1, 1)))
+
+
+def needles() -> meshes.MeshData:
+    return meshes.bent(meshes.grid(40, 1), lambda x, y, z: (x, 0.002 * y, 0.3 * np.sin(x / 3)))
+
+
+def cube_with_creases(crease: float) -> meshes.MeshData:
+    cube = meshes.cube()
+    differences = np.count_nonzero(cube.positions[:, None] != cube.positions, axis=2)
+    return meshes.creased(cube, {(int(i), int(j)): crease for i, j in np.argwhere(differences == 1) if i < j})
+
+
+MESHES: dict[str, Callable[[], meshes.MeshData]] = {
+    "torus": lambda: meshes.torus(7, 5),
+    "landscape": lambda: meshes.landscape(4, 3),
+    "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
+    "triangles": lambda: meshes.sphere(5, 2),
+    "concave faces": meshes.concave_faces,
+    "valences 3 and 7": lambda: meshes.trapezohedron(7),
+    "Möbius strip": meshes.mobius_strip,
+    "random creases": lambda: meshes.with_random_creases(meshes.landscape(3, 2), share=0.4),
+    "coincident rings": rings,
+    "needles": needles,
+}
+
+
+def made(data: meshes.MeshData, tolerance: float, shading: float, facets: float = 0.0) -> AdaptiveMesh:
+    """The result within a tolerance in parts of the diagonal, and angles in degrees."""
+    mesh = meshes.build(data)
+    request = AdaptiveRequest(
+        tolerance * meshes.diagonal(mesh),
+        Mode.ADAPTIVE,
+        MOST_FACES,
+        shading=float(np.radians(shading)),
+        facets=float(np.radians(facets)),
+    )
+    return subdivide_adaptively(mesh, request, mesh.positions)
+
+
+def triangles_of(found: AdaptiveMesh) -> tuple[NDArray, NDArray]:
+    """(M, 3, 3) twice: the drawn triangles with the normals stored at their corners."""
+    fans = [
+        [first, first + k, first + k + 1]
+        for first, last in pairwise(found.mesh.face_starts.tolist())
+        for k in range(1, last - first - 1)
+    ]
+    assert found.normals is not None
+    corners = found.mesh.positions[found.mesh.corner_vertices[np.array(fans)]]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    has_area = np.linalg.norm(areas, axis=1) > 1e-14
+    return corners[has_area], found.normals[np.array(fans)][has_area]
+
+
+def samples_of(corners: NDArray, normals: NDArray, spacing: float) -> tuple[NDArray, NDArray]:
+    """(N, 3) twice: points inside triangles, no farther apart than the spacing, and their interpolated normals."""
+    steps = np.ceil(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1) / spacing).astype(int)
+    found = [(np.zeros((0, 3)), np.zeros((0, 3)))]
+    for count in np.unique(np.maximum(steps, 2)).tolist():
+        own = np.maximum(steps, 2) == count
+        places = np.array(list(thirds(count))) / count
+        found.append(tuple(np.einsum("sk,mkc->smc", places, each[own]).reshape(-1, 3) for each in (corners, normals)))
+    points, directions = (np.concatenate(column) for column in zip(*found, strict=True))
+    return points, units(directions)
+
+
+def thirds(count: int) -> Iterator[tuple[float, float, float]]:
+    for i in range(count):
+        for j in range(count - i):
+            yield i + 1 / 3, j + 1 / 3, count - 1 - i - j + 1 / 3
+
+
+def facets_of_level(data: meshes.MeshData, level: int) -> tuple[NDArray, NDArray, float]:
+    """(N, 3) twice: the middles of the facets of the modifier's level, and their normals; and the longest side."""
+    scene.clear()
+    blender_object = scene.add_object(data)
+    modifier = blender_object.modifiers.new("Subdivision", "SUBSURF")
+    modifier.levels, modifier.quality, modifier.use_limit_surface = level, 10, True
+    mesh = blender_object.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+    positions = scene.values_of(mesh.vertices, "co", np.float32, 3).astype(np.float64)
+    corners = positions[scene.triangles_of(mesh)]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sizes = np.linalg.norm(areas, axis=1)
+    # Single precision leaves smaller facets, as between coincident rings, without a normal.
+    has_area = sizes > 1e-3 * sizes.max()
+    longest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+    return corners[has_area].mean(axis=1), units(areas[has_area]), longest
+
+
+def largest_angle(points: NDArray, normals: NDArray, others: NDArray, their_normals: NDArray, radius: float) -> float:
+    """In degrees: over all points, the largest of the least angles to the normals of others within a radius."""
+    near = cKDTree(others).query_ball_point(points, radius)
+    cosines = [max((their_normals[own] @ normal).max(), -1.0) for own, normal in zip(near, normals, strict=True) if own]
+    assert len(cosines) == len(points), "some point has no other near"
+    return float(np.degrees(np.arccos(np.clip(min(cosines), -1.0, 1.0))))
+
+
+@pytest.mark.parametrize(("tolerance", "shading", "facets"), [(5e-3, 8.0, 20.0)])
+@pytest.mark.parametrize("name", each(MESHES, ["torus", "n-gons", "valences 3 and 7", "coincident rings"]))
+def test_normals_are_within_the_angles_both_ways(name: str, tolerance: float, shading: float, facets: float) -> None:
+    data = MESHES[name]()
+    found = made(data, tolerance, shading, facets)
+    assert found.narrow_count == 0, "narrow parts need not keep the angles"
+    assert found.angles.max() <= np.radians(shading)
+    assert_within(data, found, tolerance, shading, facets)
+
+
+def assert_within(
+    data: meshes.MeshData, found: AdaptiveMesh, tolerance: float, shading: float, facets: float = 0.0
+) -> None:
+    corners, stored = triangles_of(found)
+    flat = np.repeat(units(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))[:, None], 3, axis=1)
+    middles, surface, longest = facets_of_level(data, LEVEL)
+    limit = tolerance * meshes.diagonal(meshes.build(data))
+    chosen = np.random.default_rng(1).permutation(len(middles))[:3000]
+    for normals, angle in ((stored, shading), (flat, facets)):
+        if angle:
+            points, directions = samples_of(corners, normals, SPACING * limit)
+            some = np.random.default_rng(2).permutation(len(points))[:6000]
+            there = largest_angle(points[some], directions[some], middles, surface, 2 * limit + longest)
+            back = largest_angle(middles[chosen], surface[chosen], points, directions, (2 + SPACING) * limit)
+            assert max(there, back) <= angle + FACETS_APART
+
+
+@pytest.mark.parametrize("seed", each(range(200), (3, 40)))
+def test_random_meshes_keep_the_angle(seed: int) -> None:
+    data = random_mesh(seed)
+    found = made(data, 5e-3, 8.0)
+    if found.narrow_count == 0:
+        assert_within(data, found, 5e-3, 8.0)
+
+
+def random_mesh(seed: int) -> meshes.MeshData:
+    """A mesh with creases, poles or borders, of an uneven scale."""
+    generator = np.random.default_rng(seed)
+    kinds = [
+        lambda: meshes.landscape(4, 3, seed=seed),
+        lambda: meshes.bumpy(meshes.torus(6, 5), 0.1, seed=seed),
+        lambda: meshes.bumpy(meshes.cylinder(7), 0.1, seed=seed),
+        lambda: meshes.fan(int(generator.integers(3, 9)), seed=seed),
+        lambda: meshes.with_random_creases(meshes.landscape(3, 2, seed=seed), seed=seed),
+        lambda: meshes.bumpy(meshes.trapezohedron(int(generator.integers(3, 9))), 0.1, seed=seed),
+    ]
+    scale = generator.uniform(0.3, 1.0, 3)
+    return meshes.bent(kinds[seed % len(kinds)](), lambda x, y, z: (scale[0] * x, scale[1] * y, scale[2] * z))
+
+
+def test_a_nearly_sharp_cube_keeps_its_faces() -> None:
+    by_distance = made(cube_with_creases(0.9), 1e-3, 0.0)
+    found = made(cube_with_creases(0.9), 1e-3, 5.0)
+    assert len(found.bounds) <= 2 * len(by_distance.bounds)
+    # All faces have edges that are rounded within the reach, and are drawn flat.
+    assert found.narrow_count == len(found.bounds)
+    corners, normals = triangles_of(found)
+    flat = units(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    # Stored from inside, where the surface is flat up to the rounding of its evaluation.
+    assert np.abs(normals - flat[:, None]).max() < 1e-4
+
+
+def test_without_an_angle_nothing_changes() -> None:
+    found = made(MESHES["torus"](), 5e-3, 0.0)
+    assert found.normals is None
+    assert not found.angles.any()
+    assert found.narrow_count == 0
+
+
+def test_stored_normals_are_those_of_the_object_of_an_uneven_scale() -> None:
+    data = MESHES["landscape"]()
+    mesh = meshes.build(data)
+    axes = np.array([[2.0, 0.3, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, -1.0]])
+    in_scene = mesh.changed(positions=mesh.positions @ axes.T)
+    request = AdaptiveRequest(0.02, Mode.ADAPTIVE, MOST_FACES, axes, shading=0.1)
+    found = subdivide_adaptively(in_scene, request, mesh.positions)
+    corners, normals = triangles_of(found)
+    own = units(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    # Seen in the object's own space, whose faces are not mirrored there, normals are on the side of the faces.
+    assert (np.einsum("mkc,mc->mk", normals, own) > 0.5).all()
+    assert np.abs(np.linalg.norm(normals, axis=2) - 1).max() < 1e-12
+
+
+def test_flat_faces_store_their_own_normal() -> None:
+    data = MESHES["torus"]()
+    mesh = meshes.build(data)
+    is_smooth = np.arange(mesh.face_count) % 2 == 0
+    request = AdaptiveRequest(0.05, Mode.ADAPTIVE, MOST_FACES, shading=0.1, is_smooth=is_smooth)
+    found = subdivide_adaptively(mesh, request, mesh.positions)
+    assert found.normals is not None
+    of_faces = np.split(found.normals, found.mesh.face_starts[1:-1])
+    for normals, base, angle in zip(of_faces, found.mesh.base_faces, found.angles, strict=True):
+        spread = np.abs(normals - normals[0]).max()
+        assert (spread < 1e-12) == (not is_smooth[base])
+        assert (angle > 0) == bool(is_smooth[base])
