@@ -19,9 +19,8 @@ from ..arrays.vectors import lengths, units
 from ..distance.leaf_surfaces import MOST_REFINED_LEVELS, Tiles
 from ..distance.piece_hulls import Pieces
 from ..distance.pieces import Form
-from ..surface.sharpness import has_semi_sharp
 from .leaf_bounds import bound_at_equal, drawn_tiles, joined_by_points
-from .leaf_normals import leaf_normals
+from .leaf_normals import are_semi_sharp, leaf_normals
 from .leaf_triangles import LeafTriangles
 from .paired_triangles import MeasuredPieces, PairedTriangles
 from .plan import Plan
@@ -122,7 +121,7 @@ def _pieces(
 ) -> Iterator[tuple[Pieces, Form, bool]]:
     """The pieces of the surface over the triangles of leaves, joined by form, and whether they are too narrow."""
     found: defaultdict[tuple[int, int, bool], list[tuple[Pieces, Form]]] = defaultdict(list)
-    semi_sharp = _are_semi_sharp(plan, leaves)
+    semi_sharp = are_semi_sharp(plan, leaves)
     for tiles in joined_by_points(drawn_tiles(plan, leaves, _levels(plan, leaves))):
         sizes = _sizes(tiles.tiles)
         narrow = semi_sharp[tiles.leaves] & (sizes.min(axis=0) < plan.request.reach)
@@ -157,18 +156,6 @@ def _levels(plan: Plan, leaves: IndexArray) -> int:
     sizes = lengths(np.maximum.reduceat(corners, starts) - np.minimum.reduceat(corners, starts))
     needed = np.ceil(np.log2(4 * np.maximum(sizes.max() / (REST_OF_LIMIT * plan.request.limit), 1 / REST_OF_LEAF)))
     return int(np.clip(needed, 2, MOST_REFINED_LEVELS))
-
-
-def _are_semi_sharp(plan: Plan, leaves: IndexArray) -> BoolArray:
-    """(n,) bool: whether the surface over leaves is narrow at semi-sharp edges or vertices; elsewhere tiles are small
-    around vertices without a reason in the shape."""
-    found, is_quad = np.zeros(len(leaves), dtype=bool), plan.tree.is_quad(leaves)
-    for some in (is_quad, ~is_quad):
-        own = np.flatnonzero(some & ~plan.surfaces.are_bicubic(leaves))
-        for places, refinement in plan.surfaces.refinements(leaves[own]):
-            at_corners = has_semi_sharp(refinement.mesh)[refinement.corner_vertices()]
-            found[own[places]] = np.logical_or.reduceat(at_corners, refinement.mesh.face_starts[: len(places)])
-    return found
 
 
 def _sizes(tiles: Tiles) -> FloatArray:

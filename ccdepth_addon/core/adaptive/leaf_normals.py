@@ -12,8 +12,9 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import lengths, units
+from ..arrays.vectors import lengths
 from ..surface.limit_normals import limit_normals
+from ..surface.sharpness import has_semi_sharp
 from .plan import Plan
 from .quad_normals import normals_of_quads
 
@@ -57,9 +58,7 @@ def _normals_of_others(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, Bool
     slots = tree.slots(leaves)
     wanted = np.stack([np.ones(len(slots), dtype=bool), tree.hanging(slots)])
     exact = _normals_inside(plan, leaves, np.zeros(len(sides)), wanted)
-    means = np.repeat(units(np.add.reduceat(exact[0], starts)), counts, axis=0)
-    # Without a turn within the whole leaf there is none within the reach.
-    turning = wanted & np.repeat(np.logical_or.reduceat(_between(exact[0], means) > angle / 2, starts), counts)
+    turning = wanted & np.repeat(are_semi_sharp(plan, leaves), counts)
     is_sharp = np.zeros(wanted.shape, dtype=bool)
     if not angle or not turning.any():
         return exact, is_sharp
@@ -85,4 +84,16 @@ def _normals_inside(plan: Plan, leaves: IndexArray, steps: FloatArray, wanted: B
 def _between(a: FloatArray, b: FloatArray) -> FloatArray:
     """(…): the angles between unit vectors (…, 3)."""
     found: FloatArray = 2 * np.arcsin(np.minimum(lengths(a - b) / 2, 1.0))
+    return found
+
+
+def are_semi_sharp(plan: Plan, leaves: IndexArray) -> BoolArray:
+    """(n,) bool: whether the surface over leaves is narrow at semi-sharp edges or vertices; elsewhere tiles are small
+    around vertices without a reason in the shape."""
+    found, is_quad = np.zeros(len(leaves), dtype=bool), plan.tree.is_quad(leaves)
+    for some in (is_quad, ~is_quad):
+        own = np.flatnonzero(some & ~plan.surfaces.are_bicubic(leaves))
+        for places, refinement in plan.surfaces.refinements(leaves[own]):
+            at_corners = has_semi_sharp(refinement.mesh)[refinement.corner_vertices()]
+            found[own[places]] = np.logical_or.reduceat(at_corners, refinement.mesh.face_starts[: len(places)])
     return found
