@@ -6,10 +6,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..core import PolygonMesh, SubdividedMesh
+from ..core import FloatArray, PolygonMesh, SubdividedMesh
 from .attributes import AttributeTransfer, choose_same
 from .blender_arrays import write_values
-from .custom_normals import write_limit_normals
+from .custom_normals import normals_of_surface, write_normals
 from .data_blocks import own_copy, remove_shape_keys
 from .shape_keys import basis_mesh, write_shape_keys
 from .vertex_groups import write_groups
@@ -25,11 +25,13 @@ def new_mesh(
     *,
     uv_smooth: str = UV_SMOOTH,
     exact_normals: bool = False,
+    normals: FloatArray | None = None,
 ) -> bpy.types.Mesh:
     """The subdivision as a mesh of its own, with the materials, attributes, groups, keys and settings of ``base``.
 
     base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
-    sharpness. uv_smooth: the modifier's UV Smooth. exact_normals: shade with the exact normals of the limit surface.
+    sharpness. uv_smooth: the modifier's UV Smooth. exact_normals: shade smooth faces with the exact normals of the limit
+    surface. normals: (C, 3), to store in their place; with shape keys the normals are those of the basis.
     ``base`` is not changed. Vertices and edges without faces stay unchanged. Our own values are left out.
     """
     mesh = own_copy(base)
@@ -51,7 +53,9 @@ def new_mesh(
         write_shape_keys(holder, base, control, subdivided)
         if exact_normals:
             deformable = base.shape_keys is not None or bool(groups)
-            write_limit_normals(mesh, basis_mesh(base, control), subdivided, deformable=deformable)
+            if normals is None or base.shape_keys is not None:
+                normals = normals_of_surface(basis_mesh(base, control), subdivided)
+            write_normals(mesh, normals, deformable=deformable)
     except BaseException:
         bpy.data.objects.remove(holder)
         bpy.data.meshes.remove(mesh)

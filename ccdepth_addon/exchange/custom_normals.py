@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit surface's own normals as custom normals."""
+"""The limit surface's own normals as custom normals; flat faces keep theirs."""
 
 from __future__ import annotations
 
@@ -16,32 +16,46 @@ from .data_blocks import unused_name
 CARRIED_NORMAL = "ccdepth_normal"
 
 
-def write_limit_normals(
-    mesh: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, *, deformable: bool
-) -> None:
-    """Shade a new mesh, which has its positions, with the normals of the limit surface, on both sides of every crease.
+def normals_of_surface(control: PolygonMesh, subdivided: SubdividedMesh) -> NDArray[np.floating]:
+    """(C, 3): the normals of the limit surface at the corners, on both sides of every crease."""
+    return at_corners(subdivided, lambda points: limit_normals(control, points))
 
-    All faces become smooth, as flat faces would not show the normals. deformable: whether the normals have to follow
-    moving vertices, as only normals stored as angles do. Raises WriteError if another attribute has their name.
+
+def write_normals(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: bool) -> None:
+    """Shade a new mesh, which has its positions, with normals (C, 3) at the corners of its smooth faces.
+
+    deformable: whether the normals have to follow moving vertices, as only normals stored as angles do. Raises
+    WriteError if another attribute has their name.
     """
     if CUSTOM_NORMAL in mesh.attributes:
         raise WriteError(
             f"the mesh has an attribute of its own called “{CUSTOM_NORMAL}”, where exact normals go; rename it"
         )
-    _write_normals(mesh, at_corners(subdivided, lambda points: limit_normals(control, points)), deformable=deformable)
+    _store(mesh, normals, deformable=deformable)
 
 
-def _write_normals(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: bool) -> None:
-    """Shade with normals (C, 3) at the corners."""
-    flat = find_attribute(mesh, "sharp_face", "BOOLEAN", "FACE")
-    if flat is not None:
-        mesh.attributes.remove(flat)
+def _store(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: bool) -> None:
+    """Shade with normals (C, 3) at the corners of smooth faces. Flat faces store their own normals, as Blender draws
+    stored vectors on them too."""
+    mesh.update()
+    is_smooth = smooth_faces(mesh)
+    if not is_smooth.any():
+        return
+    if not is_smooth.all():
+        sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
+        own = read_values(mesh.polygon_normals, "vector", np.float32, 3)
+        normals = np.where(np.repeat(is_smooth, sizes)[:, None], normals, np.repeat(own, sizes, axis=0))
     if bpy.app.version >= FREE_NORMALS and not deformable:
         write_attribute(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", "CORNER", normals)
         return
-    mesh.update()
     # A list of lists takes Blender a third of the time that an array does.
     mesh.normals_split_custom_set(normals.tolist())
+
+
+def smooth_faces(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
+    """(F,): whether faces are shaded smooth."""
+    flat = find_attribute(mesh, "sharp_face", "BOOLEAN", "FACE")
+    return np.ones(len(mesh.polygons), dtype=bool) if flat is None else ~read_values(flat.data, "value", np.bool_)
 
 
 class CarriedNormals:
@@ -60,4 +74,4 @@ class CarriedNormals:
         mesh.attributes.remove(carried)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         # Blender takes its own normal where one is zero.
-        _write_normals(mesh, np.divide(normals, lengths, out=normals, where=lengths > 0), deformable=deformable)
+        _store(mesh, np.divide(normals, lengths, out=normals, where=lengths > 0), deformable=deformable)

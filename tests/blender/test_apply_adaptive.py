@@ -256,6 +256,7 @@ def test_shape_keys_stay_unless_modifiers_are_applied_with_them_and_their_mix_is
 
 def test_custom_normals_that_are_left_out_are_told(capfd: pytest.CaptureFixture[str]) -> None:
     holder = scene.add_object(meshes.cube(), "Shaded")
+    holder.data.shade_smooth()
     holder.data.normals_split_custom_set([(0.6, 0.0, 0.8)] * len(holder.data.loops))
     for exact_normals in (True, False):
         [result] = subdivide(holder, tolerance=ROUGH, exact_normals=exact_normals)

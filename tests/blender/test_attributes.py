@@ -201,13 +201,18 @@ def test_an_object_being_edited_is_not_in_the_way() -> None:
 @pytest.mark.parametrize("deformable", [False, True])
 def test_limit_normals_on_request(deformable: bool) -> None:
     holder = scene.add_object(meshes.creased_cube())
+    holder.data.shade_smooth()
     holder.data.polygons[0].use_smooth = False
     if deformable:
         holder.vertex_groups.new(name="Group")
     comparison = compare(holder, exact_normals=True)
     mesh, subdivided = comparison.mesh, comparison.subdivided
-    assert all(polygon.use_smooth for polygon in mesh.polygons)
+    is_flat = subdivided.base_faces == 0
+    np.testing.assert_array_equal([not polygon.use_smooth for polygon in mesh.polygons], is_flat)
     expected = limit_normals(comparison.control, subdivided.corner_points)
+    # What is flat stays flat.
+    own = scene.values_of(mesh.polygons, "normal", np.float32, 3)
+    expected = np.where(np.repeat(is_flat, 4)[:, None], np.repeat(own, 4, axis=0), expected)
     found = scene.values_of(mesh.corner_normals, "vector", np.float32, 3)
     # As they are, or as angles in 16 bits: those are up to π, from normals that may be far off.
     free = bpy.app.version >= (4, 5) and not deformable
@@ -220,7 +225,7 @@ def test_limit_normals_on_request(deformable: bool) -> None:
 
 
 @pytest.mark.parametrize(("data_type", "domain"), [("FLOAT", "FACE"), ("BOOLEAN", "POINT")])
-def test_exact_normals_take_flat_shading_off_and_nothing_else_of_its_name(data_type: str, domain: str) -> None:
+def test_exact_normals_mistake_nothing_else_for_flat_shading(data_type: str, domain: str) -> None:
     holder = scene.add_object(meshes.cube())
     attributes = holder.data.attributes
     if "sharp_face" in attributes:
@@ -230,6 +235,16 @@ def test_exact_normals_take_flat_shading_off_and_nothing_else_of_its_name(data_t
     [result] = subdivide(holder, tolerance=0.1, exact_normals=True)
     kept = result.data.attributes["sharp_face"]
     assert (kept.data_type, kept.domain) == (data_type, domain)
+    assert result.data.has_custom_normals
+
+
+@pytest.mark.every_blender
+def test_meshes_shaded_flat_store_no_normals() -> None:
+    holder = scene.add_object(meshes.cube())
+    holder.data.shade_flat()
+    [result] = subdivide(holder, tolerance=0.1, exact_normals=True)
+    assert not result.data.has_custom_normals
+    assert not any(polygon.use_smooth for polygon in result.data.polygons)
 
 
 def test_the_new_mesh_is_sound(comparison: Comparison) -> None:

@@ -235,6 +235,7 @@ def uvs_off(holder: bpy.types.Object) -> np.ndarray:
 @pytest.mark.parametrize("has_groups", [False, True])
 def test_exact_normals_are_those_of_the_surface(has_groups: bool) -> None:
     original = scene.add_object(meshes.cube())
+    original.data.shade_smooth()
     if has_groups:
         original.vertex_groups.new(name="Group").add([0], 1.0, "REPLACE")
     (result,) = subdivide(original, reduce=True, exact_normals=True)
