@@ -9,7 +9,7 @@ import numpy as np
 from ..core import FloatArray, PolygonMesh, SubdividedMesh
 from .attributes import AttributeTransfer, choose_same
 from .blender_arrays import write_values
-from .custom_normals import normals_of_surface, write_normals
+from .custom_normals import normals_of_surface, smooth_faces, write_normals
 from .data_blocks import own_copy, remove_shape_keys
 from .shape_keys import basis_mesh, write_shape_keys
 from .vertex_groups import write_groups
@@ -30,7 +30,7 @@ def new_mesh(
     """The subdivision as a mesh of its own, with the materials, attributes, groups, keys and settings of ``base``.
 
     base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
-    sharpness. uv_smooth: the modifier's UV Smooth. exact_normals: shade smooth faces with the exact normals of the limit
+    sharpness. uv_smooth: the modifier's UV Smooth. exact_normals: shade smooth faces with the normals of the limit
     surface. normals: (C, 3), to store in their place; with shape keys the normals are those of the basis.
     ``base`` is not changed. Vertices and edges without faces stay unchanged. Our own values are left out.
     """
@@ -51,7 +51,7 @@ def new_mesh(
             holder.vertex_groups.active_index = active
         choose_same(base, mesh)
         write_shape_keys(holder, base, control, subdivided)
-        if exact_normals:
+        if exact_normals and smooth_faces(mesh).any():
             deformable = base.shape_keys is not None or bool(groups)
             if normals is None or base.shape_keys is not None:
                 normals = normals_of_surface(basis_mesh(base, control), subdivided)

@@ -39,8 +39,6 @@ def _store(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: b
     stored vectors on them too."""
     mesh.update()
     is_smooth = smooth_faces(mesh)
-    if not is_smooth.any():
-        return
     if not is_smooth.all():
         sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
         own = read_values(mesh.polygon_normals, "vector", np.float32, 3)
@@ -50,6 +48,13 @@ def _store(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: b
         return
     # A list of lists takes Blender a third of the time that an array does.
     mesh.normals_split_custom_set(normals.tolist())
+
+
+def remove_normals(mesh: bpy.types.Mesh) -> None:
+    """Remove the custom normals of a mesh, in Object Mode."""
+    # Before Blender 4.5 they are no attribute.
+    with bpy.context.temp_override(mesh=mesh):
+        bpy.ops.mesh.customdata_custom_splitnormals_clear()
 
 
 def smooth_faces(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Our values on a mesh, attributes of its faces: depths, bounds and deviations, in Object Mode and in Edit Mode."""
+"""Our values on a mesh, attributes of faces: depths, bounds, angles and deviations, in Object Mode and in Edit Mode."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
 COLOR = "ccdepth_color"
 DEVIATION = "ccdepth_deviation"
+ANGLE = "ccdepth_angle"
 
 # BMesh's names for the elements of a domain, and for the layers of a type.
 ELEMENTS = {"FACE": "faces", "CORNER": "loops"}
@@ -46,8 +47,9 @@ DEPTH_KIND = AttributeKind(DEPTH, "INT", "FACE")
 BOUND_KIND = AttributeKind(BOUND, "FLOAT", "FACE")
 COLOR_KIND = AttributeKind(COLOR, "FLOAT_COLOR", "CORNER")
 DEVIATION_KIND = AttributeKind(DEVIATION, "FLOAT", "FACE")
+ANGLE_KIND = AttributeKind(ANGLE, "FLOAT", "FACE")
 # Colours are made on request, and were by versions that displayed them.
-ATTRIBUTES = (DEPTH_KIND, BOUND_KIND, DEVIATION_KIND, COLOR_KIND)
+ATTRIBUTES = (DEPTH_KIND, BOUND_KIND, DEVIATION_KIND, ANGLE_KIND, COLOR_KIND)
 
 
 def rounded_up(bounds: ArrayLike) -> NDArray[np.float32]:
@@ -151,6 +153,14 @@ def read_face_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any]:
     edited = bmesh.from_edit_mesh(mesh)
     layer = kind.layers(edited)[kind.name]
     return np.array([face[layer] for face in edited.faces], dtype=kind.values.dtype)
+
+
+def remove_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> None:
+    """Remove an attribute of ours, if the mesh has it, in Object Mode."""
+    if has_values(mesh, kind):
+        with _active_kept(mesh):
+            mesh.attributes.remove(mesh.attributes[kind.name])
+        mesh.update()
 
 
 def remove_all(mesh: bpy.types.Mesh) -> None:

@@ -66,12 +66,14 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         """Make the meshes of sources for their objects; returns the meshes, and notes for the user. text: of the
         progress in faces. Raises ComputeError."""
         settings = self.settings()
+        # The shading angle is about the stored normals.
+        exact_normals = self.exact_normals or self.shading_angle > 0
         tasks = yield from prepare_adaptive(context, sources, settings, objects)
-        notes = [note for task in tasks for note in _notes(task, self.use_modifiers, self.exact_normals)]
+        notes = [note for task in tasks for note in _notes(task, self.use_modifiers, exact_normals)]
         answers = yield Work(partial(subdivide, tasks, settings), text, self.counted)
         if not self.reduce:
-            return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals)), notes
-        reducer = Reducer(context, settings, exact_normals=self.exact_normals)
+            return (yield from make_meshes(context, answers, settings, exact_normals=exact_normals)), notes
+        reducer = Reducer(context, settings, exact_normals=exact_normals)
         made = yield from reducer.make(answers)
         return made, notes + reducer.notes
 

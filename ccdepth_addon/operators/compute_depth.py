@@ -20,7 +20,8 @@ from .selected_meshes import count_text, refuse_what_cannot_be_written, still_th
 
 
 class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
-    """Compute how many Catmull-Clark levels each face needs to be within the tolerance of the limit surface"""
+    """Compute how many Catmull-Clark levels each face needs to be within the tolerance of the limit surface. Depths
+    are about distance alone, not about the angles of shading and facets"""
 
     bl_idname = "ccdepth.compute"
     bl_label = "Compute Depth"

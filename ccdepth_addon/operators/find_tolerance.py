@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find Tolerance."""
 
-from dataclasses import replace
 from functools import partial
 
 import bpy
@@ -15,7 +14,8 @@ from .selected_meshes import count_text
 
 
 class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
-    """Set the best tolerance for a largest number of faces, of the adaptive meshes of all selected objects together"""
+    """Set the best tolerance for a largest number of faces, of the adaptive meshes of all selected objects together,
+    and angles that go with the tolerance"""
 
     bl_idname = "ccdepth.find_tolerance"
     bl_label = "Find Tolerance"
@@ -30,9 +30,10 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
             raise ComputeError(f"Even undivided there would be more than {self.face_budget:,} faces")
         context.scene.ccdepth.tolerance_mode = self.tolerance_mode
         properties.set_scene_tolerance(context.scene.ccdepth, fit.tolerance)
-        settings = replace(self.settings(), tolerance=fit.tolerance)
+        for name in ("shading_angle", "facet_angle"):
+            setattr(context.scene.ccdepth, name, getattr(fit.settings, name))
         counts = [FaceCount(faces) for faces in fit.counts]
-        known.remember_count(context, tasks, settings, counts)
+        known.remember_count(context, tasks, fit.settings, counts)
         unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
         self.report({"INFO"}, text)

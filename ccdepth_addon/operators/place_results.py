@@ -148,10 +148,18 @@ def _make_mesh(
     base, own_control = base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies)
     if own_control.key != control.key:
         raise ComputeError(CHANGED)
-    mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, uv_smooth=uv_smooth, exact_normals=exact_normals)
+    mesh = new_mesh(
+        base,
+        control.mesh,
+        answer.adaptive.mesh,
+        uv_smooth=uv_smooth,
+        exact_normals=exact_normals,
+        normals=answer.adaptive.normals,
+    )
     try:
         mesh.name = source.name + NAME_SUFFIX
-        mesh_values.write_adaptive(mesh, answer, settings, answer.adaptive.depths, answer.adaptive.bounds)
+        adaptive, has_angles = answer.adaptive, answer.task.has_angles(settings)
+        mesh_values.write_adaptive(mesh, answer, settings, adaptive.depths, adaptive.bounds, has_angles=has_angles)
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise

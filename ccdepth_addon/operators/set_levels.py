@@ -16,7 +16,7 @@ ALWAYS_FIRST = {"MULTIRES", "SOFT_BODY"}
 
 class CCDEPTH_OT_set_levels(QuickOperator):
     """Set the Subdivision Surface modifiers to the first level with every face within the tolerance, with the Use
-    Limit Surface and the Quality of the proof"""
+    Limit Surface and the Quality of the proof. Levels are about distance alone, not about shading and facets"""
 
     bl_idname = "ccdepth.set_levels"
     bl_label = "Set Subdivision Levels"

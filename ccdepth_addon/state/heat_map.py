@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..exchange import face_values
 from ..exchange.face_values import (
+    ANGLE_KIND,
     BOUND_KIND,
     DEPTH_KIND,
     DEVIATION_KIND,
@@ -31,6 +32,7 @@ class Shown(Enum):
     DEPTH = "Levels Needed", DEPTH_KIND
     DISTANCE = "Proved Distance", BOUND_KIND
     DEVIATION = "Deviation", DEVIATION_KIND
+    ANGLE = "Proved Angle", ANGLE_KIND
 
     def __init__(self, title: str, values: AttributeKind) -> None:
         self.title, self.values = title, values
@@ -60,12 +62,16 @@ def last_kind(mesh: bpy.types.Mesh) -> Shown | None:
 
 def has_shown(mesh: bpy.types.Mesh, kind: Shown) -> bool:
     """Whether the mesh has values of a kind, with their record."""
+    if kind is Shown.ANGLE:
+        return mesh_values.has_angles(mesh)
     return mesh_values.has_deviation(mesh) if kind is Shown.DEVIATION else mesh_values.has_depths(mesh)
 
 
 def tolerance_of(mesh: bpy.types.Mesh, kind: Shown) -> float:
-    """The tolerance of values, as a length in the scene; 0 without a record."""
+    """The tolerance of values, as a length in the scene, or of angles in radians; 0 without a record."""
     record = mesh.ccdepth
+    if kind is Shown.ANGLE:
+        return float(max(record.shading_angle, record.facet_angle))
     return float((record.measurement if kind is Shown.DEVIATION else record).world_tolerance)
 
 
@@ -73,8 +79,9 @@ def top(kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup) -> flo
     """The value that has the last colour, in single precision; never 0."""
     if kind is Shown.DEPTH:
         return float(LAST_DEPTH)
+    is_fixed = settings.distance_range == "FIXED" and kind is not Shown.ANGLE
     # The largest value of an attribute, rounded up to single precision, is not beyond it.
-    return float(rounded_up(settings.distance_top if settings.distance_range == "FIXED" else tolerance)) or 1.0
+    return float(rounded_up(settings.distance_top if is_fixed else tolerance)) or 1.0
 
 
 def on_scale(kind: Shown, values: Values) -> NDArray[np.float32]:

@@ -93,7 +93,9 @@ def remember_count(
     context.view_layer.update()
     together = counts[0]
     if not together.are_too_many:
-        together = FaceCount(sum(count.faces for count in counts))
+        by_distance = [count.by_distance for count in counts if count.by_distance is not None]
+        total = sum(count.faces for count in counts)
+        together = FaceCount(total, by_distance=sum(by_distance) if by_distance else None)
         for task, count in zip(tasks, counts, strict=True):
             _counts[_uids(bpy.data.objects[name] for name in task.object_names)] = settings, count
     _counts[_uids(bpy.data.objects[name] for task in tasks for name in task.object_names)] = settings, together

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .. import version
 from ..core import FloatArray
 from ..exchange.face_values import (
+    ANGLE_KIND,
     ATTRIBUTES,
     BOUND_KIND,
     DEPTH_KIND,
@@ -22,6 +23,7 @@ from ..exchange.face_values import (
     AttributeKind,
     has_values,
     remove_all,
+    remove_values,
     rounded_up,
     write_face_values,
 )
@@ -29,6 +31,9 @@ from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from ..tasks.surfaces import SurfaceSettings, naming
+
+# The fields of the record about angles.
+ANGLE_FIELDS = ("shading_angle", "facet_angle", "largest_shading_angle", "largest_facet_angle", "narrow_leaves")
 
 
 def has_depths(mesh: bpy.types.Mesh) -> bool:
@@ -39,6 +44,12 @@ def has_depths(mesh: bpy.types.Mesh) -> bool:
 def has_deviation(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds measured deviations."""
     return mesh.ccdepth.has_deviation and has_values(mesh, DEVIATION_KIND)
+
+
+def has_angles(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh holds proved angles."""
+    is_told = bool(mesh.ccdepth.shading_angle or mesh.ccdepth.facet_angle)
+    return has_depths(mesh) and is_told and has_values(mesh, ANGLE_KIND)
 
 
 def has_any(mesh: bpy.types.Mesh) -> bool:
@@ -102,14 +113,40 @@ def write_adaptive(
     settings: AdaptiveSettings,
     depths: NDArray[np.int32],
     proved: FloatArray,
+    *,
+    has_angles: bool = False,
 ) -> None:
-    """Write depths (F,), and proved distances (F,) where the mesh was made, with its record, in Object Mode."""
+    """Write depths (F,), and proved distances (F,) where the mesh was made, with its record, in Object Mode.
+    has_angles: whether to write the answer's angles, which are proved of an unreduced mesh."""
     bounds = rounded_up(answer.largest_over_users(proved))
     write_face_values(mesh, {DEPTH_KIND: depths, BOUND_KIND: bounds})
     record = _new_record(mesh, depths, settings, answer.world_tolerance)
     record.subdivision = settings.mode
     record.base_faces = answer.task.surface.control.face_count
     record.largest_bound = float(bounds.max(initial=0.0))
+    if has_angles:
+        _write_angles(mesh, answer, settings)
+
+
+def _write_angles(mesh: bpy.types.Mesh, answer: AdaptiveAnswer, settings: AdaptiveSettings) -> None:
+    """Write the answer's angles, and the largest ones where each of the two angles counts."""
+    record, angles = mesh.ccdepth, rounded_up(answer.adaptive.angles)
+    write_face_values(mesh, {ANGLE_KIND: angles})
+    is_shaded = answer.task.is_smooth[answer.adaptive.mesh.base_faces] & (settings.shading_angle > 0)
+    if is_shaded.any():
+        record.shading_angle = settings.shading_angle
+        record.largest_shading_angle = float(angles[is_shaded].max())
+    if settings.facet_angle and not is_shaded.all():
+        record.facet_angle = settings.facet_angle
+        record.largest_facet_angle = float(angles[~is_shaded].max())
+    record.narrow_leaves = answer.adaptive.narrow_count
+
+
+def forget_angles(mesh: bpy.types.Mesh) -> None:
+    """Remove the angles and their record."""
+    remove_values(mesh, ANGLE_KIND)
+    for name in ANGLE_FIELDS:
+        mesh.ccdepth.property_unset(name)
 
 
 def _new_record(
@@ -121,6 +158,7 @@ def _new_record(
     record.subdivision = ""
     record.frames = ""
     record.unreduced_triangles = 0
+    forget_angles(mesh)
     record.shows_deviation = False
     _write_inputs(record, settings, world_tolerance, len(depths))
     record.deepest = int(depths.max(initial=0))

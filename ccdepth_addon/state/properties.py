@@ -2,6 +2,7 @@
 # mypy: disable-error-code="valid-type"
 """Settings with their labels and tooltips, each declared once: scenes, operators and records inherit them."""
 
+from math import radians
 from typing import Any
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
@@ -15,6 +16,9 @@ DEFAULT_ABSOLUTE_TOLERANCE = 0.001
 
 # The place of tolerance presets in folders of presets.
 TOLERANCE_PRESETS = "ccdepth/tolerance"
+
+# In radians: at 5° hardly anyone tells highlights from those of the limit surface.
+DEFAULT_SHADING_ANGLE = radians(5)
 
 DEFAULT_ACCURACY = 0.05
 DEFAULT_TIME_LIMIT = 60.0
@@ -95,6 +99,7 @@ HEAT_MAP_ITEMS = (
     ),
     ("DISTANCE", "Distance", "The proved largest distance of each face from the limit surface", 2),
     ("DEVIATION", "Deviation", "The measured largest distance of each face from the limit surface", 3),
+    ("ANGLE", "Angle", "The proved largest angle of each face, of shading where that counts, and else of facets", 4),
     ("NONE", "None", "Show no heat map", 0),
 )
 # Files store numbers: 0 was another range.
@@ -194,6 +199,29 @@ class DivisionProperties:
     mode: EnumProperty(
         name="Division", description="How the faces are divided", items=SUBDIVISION_MODES, default="ADAPTIVE"
     )
+    # Angles without a hard minimum, so that a bad one can be refused with a report.
+    shading_angle: FloatProperty(
+        name="Shading Angle",
+        description="Largest angle allowed between the normals that smooth faces are shaded with and the normals of "
+        "the limit surface; the normals of the limit surface are stored. 0 for no limit",
+        default=DEFAULT_SHADING_ANGLE,
+        soft_min=0.0,
+        soft_max=radians(45),
+        step=100,
+        precision=3,
+        subtype="ANGLE",
+    )
+    facet_angle: FloatProperty(
+        name="Facet Angle",
+        description="Largest angle allowed between a triangle and the limit surface, as of CAD exporters. 0 for no "
+        "limit",
+        default=0.0,
+        soft_min=0.0,
+        soft_max=radians(45),
+        step=100,
+        precision=3,
+        subtype="ANGLE",
+    )
 
 
 class FaceLimitProperties:
@@ -215,7 +243,8 @@ class MakingProperties:
 
     exact_normals: BoolProperty(
         name="Exact Normals",
-        description="Shade with the normals of the limit surface, as custom normals, however few faces there are",
+        description="Shade smooth faces with the normals of the limit surface, as custom normals, however few faces "
+        "there are. With a shading angle they are always stored",
         default=False,
     )
     reduce: BoolProperty(

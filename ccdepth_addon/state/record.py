@@ -74,6 +74,17 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
     base_faces: IntProperty(description="Faces of the control mesh")
     unreduced_triangles: IntProperty(description="Triangles of the adaptive mesh without Reduce; 0 when not reduced")
     largest_bound: FloatProperty(description="The largest distance proved", subtype="DISTANCE")
+    shading_angle: FloatProperty(
+        description="The shading angle as it was given; 0 without faces where it counts", subtype="ANGLE"
+    )
+    facet_angle: FloatProperty(
+        description="The facet angle as it was given; 0 without faces where it counts alone", subtype="ANGLE"
+    )
+    largest_shading_angle: FloatProperty(
+        description="The largest angle proved where the shading angle counts", subtype="ANGLE"
+    )
+    largest_facet_angle: FloatProperty(description="The largest angle proved on other faces", subtype="ANGLE")
+    narrow_leaves: IntProperty(description="Parts narrower than the tolerance, where angles do not count")
     method: StringProperty()
     vertices: StringProperty(
         description="Where the subdivided mesh has its vertices: CONTROL or LIMIT; OBJECT where objects have both"

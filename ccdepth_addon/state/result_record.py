@@ -18,7 +18,7 @@ from ..tasks.surfaces import shortest_decimal
 from . import properties
 
 # Settings without effect when triangles are merged.
-WITHOUT_REDUCE = set(properties.setting_names(properties.DivisionProperties))
+WITHOUT_REDUCE = {"mode"}
 
 
 class AppliedModifier(bpy.types.PropertyGroup):

@@ -4,9 +4,9 @@ needs Blender: it may run in a thread."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import ROUND_CEILING, Decimal
-from math import sqrt
+from math import degrees, sqrt
 
 from ..core import Progress, TooManyFacesError, count_faces, no_report, subdivide_adaptively
 from .adaptive_task import AdaptiveAnswer, AdaptiveSettings, AdaptiveTask
@@ -24,6 +24,9 @@ FEWEST_TO_EXTRAPOLATE = 200
 
 MOST_COUNTS = 24
 
+# Larger angles are tried in steps by this factor, this many at most: 1° comes to 86°.
+ANGLE_STEP, MOST_ANGLE_STEPS = 1.25, 20
+
 # A tolerance, in diagonals, with which nothing is split unnecessarily.
 WITHOUT_SPLITS = 100.0
 
@@ -33,18 +36,25 @@ DIGITS = 3
 
 @dataclass(frozen=True)
 class FaceCount:
-    """The number of faces of a result; or about that of all results together, if they are too many."""
+    """The number of faces of a result; or about that of all results together, if they are too many. by_distance: the
+    number without angles, if there are angles; fitting: settings with larger angles that do not make too many."""
 
     faces: int
     are_too_many: bool = False
+    by_distance: int | None = None
+    fitting: AdaptiveSettings | None = None
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A tolerance as typed, and the number of faces of each result with this tolerance."""
+    """Settings with another tolerance, and the number of faces of each result with them."""
 
-    tolerance: float
+    settings: AdaptiveSettings
     counts: list[int]
+
+    @property
+    def tolerance(self) -> float:
+        return self.settings.tolerance
 
 
 class TooManyError(ComputeError):
@@ -72,10 +82,10 @@ def subdivide(
             adaptive = subdivide_adaptively(control.in_world, request, control.mesh.positions, _after(made, progress))
             faces = len(adaptive.mesh.base_faces)
         except TooManyFacesError as fault:
-            raise TooManyError(tasks, FaceCount(made + fault.faces, True), settings) from fault
+            faces = fault.faces
         # The core counts leaves on its way; their faces may turn out to be more than are allowed.
         if faces > request.most_faces:
-            raise TooManyError(tasks, FaceCount(made + faces, True), settings)
+            raise TooManyError(tasks, _too_many(tasks, made + faces, settings, progress), settings)
         answers.append(AdaptiveAnswer(task, adaptive))
         made += faces
     return answers
@@ -85,6 +95,21 @@ def count_results(
     tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
 ) -> list[FaceCount]:
     """The number of faces of every mesh. progress: as of ``subdivide``."""
+    counts = _counts(tasks, settings, progress)
+    if sum(counts) > settings.max_faces:
+        return [_too_many(tasks, sum(counts), settings, progress)] * len(tasks)
+    if not _have_angles(tasks, settings):
+        return [FaceCount(faces) for faces in counts]
+    by_distance = _counts(tasks, settings.with_angles_times(0.0), progress)
+    return [FaceCount(faces, by_distance=fewer) for faces, fewer in zip(counts, by_distance, strict=True)]
+
+
+def _have_angles(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> bool:
+    return any(task.has_angles(settings) for task in tasks)
+
+
+def _counts(tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress) -> list[int]:
+    """The number of faces of every mesh with the tolerance of its task, or about that of a mesh with too many."""
     counts: list[int] = []
     for task in tasks:
         request = task.request(settings, task.surface.tolerance, settings.max_faces)
@@ -92,9 +117,24 @@ def count_results(
             counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
         except TooManyFacesError as fault:
             counts.append(fault.faces)
-    if sum(counts) <= settings.max_faces:
-        return [FaceCount(faces) for faces in counts]
-    return [FaceCount(sum(counts), True)] * len(tasks)
+    return counts
+
+
+def _too_many(tasks: list[AdaptiveTask], faces: int, settings: AdaptiveSettings, progress: Progress) -> FaceCount:
+    """About how many faces too many results have; with angles, the number without angles, and the least multiples of
+    the angles that fit, if any do, by counting."""
+    if not _have_angles(tasks, settings) or _never_fit(tasks, settings.max_faces):
+        return FaceCount(faces, True)
+    by_distance = sum(_counts(tasks, settings.with_angles_times(0.0), progress))
+    fitting, least, most = None, 0, 0 if by_distance > settings.max_faces else MOST_ANGLE_STEPS
+    while least < most:
+        step = (least + most) // 2
+        tried = settings.with_angles_times(ANGLE_STEP ** (step + 1))
+        if sum(_counts(tasks, tried, progress)) <= settings.max_faces:
+            fitting, most = tried, step
+        else:
+            least = step + 1
+    return FaceCount(faces, True, by_distance, fitting)
 
 
 def _after(faces: int, progress: Progress) -> Progress:
@@ -114,15 +154,18 @@ def best_tolerance(
     any.
 
     The tolerance is tried out, so it fits: finer and finer tolerances are counted, from the settings' tolerance on,
-    until one has too many faces, and then tolerances between. The time of counting grows with the number of faces, and
-    counting ends with too many faces. progress: receives the number of faces, and may raise to stop.
+    until one has too many faces, and then tolerances between, each with the angles that go with it. The time of
+    counting grows with the number of faces, and counting ends with too many faces. progress: receives the number of
+    faces, and may raise to stop.
     """
 
     def fit(tolerance: float) -> Fit | None:
-        tolerance = with_digits(tolerance, DIGITS)
-        counts = _counts_with(tasks, settings, tolerance, most_faces, progress)
-        return None if counts is None else Fit(tolerance, counts)
+        rounded = with_digits(tolerance, DIGITS)
+        tried = settings.with_tolerance(rounded) if scales_angles else replace(settings, tolerance=rounded)
+        counts = _counts_with(tasks, settings, tried, most_faces, progress)
+        return None if counts is None else Fit(tried, counts)
 
+    scales_angles = _have_angles(tasks, settings)
     if _never_fit(tasks, most_faces):
         return None
     finest = max(task.least_tolerance / _unit(task, settings) for task in tasks)
@@ -156,12 +199,12 @@ def _next_guess(best: Fit, too_fine: float, most_faces: int) -> float:
 
 
 def _counts_with(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int, progress: Progress
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, tried: AdaptiveSettings, most_faces: int, progress: Progress
 ) -> list[int] | None:
-    """The number of faces of each result with another typed tolerance; None for too many faces."""
+    """The number of faces of each result with other settings; None for too many faces."""
     counts: list[int] = []
     for task in tasks:
-        request = task.request(settings, tolerance * _unit(task, settings), most_faces - sum(counts))
+        request = task.request(tried, tried.tolerance * _unit(task, settings), most_faces - sum(counts))
         try:
             counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
         except TooManyFacesError:
@@ -183,4 +226,13 @@ def too_many_text(tasks: list[AdaptiveTask], count: FaceCount, settings: Adaptiv
     text = f"{whose} would have about {count.faces:,} faces, and {settings.max_faces:,} are allowed"
     if _never_fit(tasks, settings.max_faces):
         return f"{text}; no tolerance would fit"
+    if count.fitting is not None:
+        return f"{text}; {_angles_text(count.fitting)} would fit, and Find Tolerance finds a tolerance that fits"
+    if count.by_distance is not None:
+        text = f"{text}, while the distance alone needs about {count.by_distance:,}"
     return f"{text}; Find Tolerance finds one that fits"
+
+
+def _angles_text(settings: AdaptiveSettings) -> str:
+    angles = {"a shading angle": settings.shading_angle, "a facet angle": settings.facet_angle}
+    return " with ".join(f"{name} of {degrees(angle):.3g}°" for name, angle in angles.items() if angle)

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from math import radians, sqrt
 from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core import (
     AdaptiveMesh,
@@ -26,13 +28,16 @@ from ..core import (
 )
 from ..exchange.blender_arrays import read_values
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh, gram_matrix
+from ..exchange.custom_normals import smooth_faces
 from ..exchange.evaluated import Evaluated, evaluated, in_batches
 from ..exchange.modifiers import base_modifiers, subdivision_modifier
 from .surfaces import (
     Faults,
     Surface,
     SurfaceSettings,
+    refuse_bad_angles,
     refuse_bad_tolerance,
+    shortest_decimal,
     surface_of,
     surfaces_covering_others,
 )
@@ -40,13 +45,33 @@ from .surfaces import (
 # The largest relative change of a number by rounding to single precision.
 SINGLE_ROUNDING = 2.0**-24
 
+SHAPE_DECIMALS = 6
+
+# The largest angle, in radians, that goes with another tolerance.
+LARGEST_ANGLE = radians(89)
+
 
 @dataclass(frozen=True)
 class AdaptiveSettings(SurfaceSettings):
-    """The settings of Apply Adaptive Subdivision; ``max_faces`` is for all results together."""
+    """The settings of Apply Adaptive Subdivision; ``max_faces`` is for all results together, angles are in radians, 0
+    for none."""
 
     mode: str
     max_faces: int
+    shading_angle: float = 0.0
+    facet_angle: float = 0.0
+
+    def with_angles_times(self, factor: float) -> AdaptiveSettings:
+        """The settings with angles times a factor, but less than a right angle."""
+        shading, facets = (
+            shortest_decimal(min(angle * factor, LARGEST_ANGLE)) for angle in (self.shading_angle, self.facet_angle)
+        )
+        return replace(self, shading_angle=shading, facet_angle=facets)
+
+    def with_tolerance(self, tolerance: float) -> AdaptiveSettings:
+        """The settings with another tolerance, and with angles that go with it: where the tolerance is the height of an
+        arc over its chord, the square of the angle is proportional to the tolerance."""
+        return replace(self.with_angles_times(sqrt(tolerance / self.tolerance)), tolerance=tolerance)
 
 
 class Target(NamedTuple):
@@ -66,7 +91,8 @@ class AdaptiveTask:
 
     targets: the objects that get it, first the object it is made for. mesh_uid: of the mesh of their sources.
     dependencies: further data of the objects that the result depends on. surface: of the first target. allowance: the
-    rounding of distances there, a length in the scene.
+    rounding of distances there, a length in the scene; stored: its part from storing positions. is_smooth: (F,) whether
+    faces of the control mesh are shaded smooth.
     """
 
     targets: list[Target]
@@ -74,6 +100,8 @@ class AdaptiveTask:
     dependencies: tuple[Any, ...]
     surface: Surface
     allowance: float
+    stored: float
+    is_smooth: NDArray[np.bool_]
 
     @property
     def object_names(self) -> list[str]:
@@ -85,6 +113,16 @@ class AdaptiveTask:
         """The control mesh of the proof."""
         return self.surface.control.thickened()
 
+    def has_angles(self, settings: AdaptiveSettings) -> bool:
+        """Whether any angle counts: without smooth faces the shading angle does not."""
+        return settings.facet_angle > 0 or (settings.shading_angle > 0 and bool(self.is_smooth.any()))
+
+    @property
+    def shape_of_scale(self) -> tuple[float, ...]:
+        """The scale of its object but for a factor, rounded; equal scales that round apart make a mesh each."""
+        gram = gram_matrix(self.surface.control.world)
+        return tuple((gram / max(np.trace(gram), np.finfo(float).tiny)).ravel().round(SHAPE_DECIMALS).tolist())
+
     @property
     def least_tolerance(self) -> float:
         """The least tolerance accepted, a length in the scene."""
@@ -93,7 +131,17 @@ class AdaptiveTask:
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
         limit = tolerance - self.allowance
         largest = float(np.abs(self.control.mesh.positions).max(initial=0.0))
-        return AdaptiveRequest(limit, Mode(settings.mode), most_faces, self.control.world, largest)
+        return AdaptiveRequest(
+            limit,
+            Mode(settings.mode),
+            most_faces,
+            self.control.world,
+            largest,
+            shading=settings.shading_angle if self.is_smooth.any() else 0.0,
+            facets=settings.facet_angle,
+            is_smooth=self.is_smooth,
+            stored=self.stored,
+        )
 
 
 @dataclass(frozen=True)
@@ -127,6 +175,7 @@ def prepare_adaptive(
     object at fault.
     """
     refuse_bad_tolerance(settings.tolerance)
+    refuse_bad_angles(settings.shading_angle, settings.facet_angle)
     users_of: dict[bpy.types.Object, list[bpy.types.Object]] = {}
     for blender_object, user in zip(objects, users or objects, strict=True):
         users_of.setdefault(blender_object, []).append(user)
@@ -144,14 +193,16 @@ def prepare_adaptive(
                 with faults.of(blender_object.name):
                     tasks += _read_tasks(context, blender_object, users_of[blender_object], settings, shared, copies)
     faults.refuse()
-    return _united(tasks)
+    return _united(tasks, settings)
 
 
-def _united(tasks: list[AdaptiveTask]) -> list[AdaptiveTask]:
+def _united(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> list[AdaptiveTask]:
     """The tasks that no other dominates, each with the objects of its dominated tasks."""
     alike: dict[Any, list[AdaptiveTask]] = {}
     for task in tasks:
-        alike.setdefault((task.mesh_uid, task.dependencies, task.surface.control.key), []).append(task)
+        # Another scale that is not even keeps no angles.
+        shape = task.shape_of_scale if task.has_angles(settings) else None
+        alike.setdefault((task.mesh_uid, task.dependencies, task.surface.control.key, shape), []).append(task)
     kept: set[int] = set()
     for group in alike.values():
         for better, dominated in surfaces_covering_others([task.surface for task in group]).items():
@@ -174,7 +225,8 @@ def _read_tasks(
     base, control = base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies)
     steps = _mixing_steps(base.shape_keys)
     largest = _largest_coordinates(control, base.shape_keys)
-    return [_task(blender_object, user, control, settings, largest, steps) for user in users]
+    is_smooth = smooth_faces(base)
+    return [_task(blender_object, user, control, settings, largest, steps, is_smooth) for user in users]
 
 
 def _task(
@@ -184,9 +236,10 @@ def _task(
     settings: AdaptiveSettings,
     largest: FloatArray,
     steps: float,
+    is_smooth: NDArray[np.bool_],
 ) -> AdaptiveTask:
     """The task of an object for an object that gets the result. largest: (3,) the largest coordinates; steps: the
-    number of roundings of each."""
+    number of roundings of each; is_smooth: (F,) of the control mesh."""
     if user != blender_object:
         control = replace(control, world=np.array(user.matrix_world, dtype=np.float64)[:3, :3])
     surface = surface_of(user.name, control, settings)
@@ -208,6 +261,8 @@ def _task(
         dependencies=dependencies,
         surface=surface,
         allowance=allowance,
+        stored=stored,
+        is_smooth=is_smooth,
     )
     check_tolerance(surface.tolerance, task.least_tolerance)
     return task

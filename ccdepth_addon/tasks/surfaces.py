@@ -22,6 +22,9 @@ SCALE_ROUNDING = 1e-9
 # The largest number that Blender stores, also in place of larger numbers and infinity.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
 
+# As Blender stores it.
+RIGHT_ANGLE = float(np.float32(np.pi / 2))
+
 NOT_PLACED = "it is disabled in viewports, or in no shown collection of this view layer"
 
 TOO_LARGE = "The tolerance is too large a number"
@@ -133,6 +136,12 @@ def refuse_bad_tolerance(tolerance: float) -> None:
         raise ComputeError(TOO_LARGE)
     if tolerance <= 0:
         raise ComputeError("The tolerance must be greater than zero")
+
+
+def refuse_bad_angles(*angles: float) -> None:
+    """Raise ComputeError unless each angle, in radians, is 0 or more and less than a right angle."""
+    if not all(0 <= angle < RIGHT_ANGLE for angle in angles):
+        raise ComputeError("An angle must be 0° or more, and less than 90°")
 
 
 def surface_of(object_name: str, control: ControlMesh, settings: SurfaceSettings) -> Surface:

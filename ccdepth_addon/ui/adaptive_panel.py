@@ -8,7 +8,7 @@ import bpy
 from ..exchange.modifiers import has_own_keys
 from ..state import known, out_of_date, result_record
 from ..state.chosen import chosen
-from .facts import count_fact, draw_facts, facts_of, short_count
+from .facts import angles_fact, count_fact, draw_facts, facts_of, short_count
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
 from .selected_objects import made_objects
 from .sidebar import SidebarPanel, draw_alert, settings_column
@@ -48,6 +48,8 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
         output = column.column()
         output.active = not results or settings.subdivide_results
         output.prop(settings, "output")
+        column.prop(settings, "shading_angle")
+        column.prop(settings, "facet_angle")
         column.prop(settings, "reduce")
         _draw_keys_line(column, context)
         if made:
@@ -65,7 +67,10 @@ class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
         division = column.column()
         division.active = not settings.reduce
         division.prop(settings, "mode")
-        column.prop(settings, "exact_normals")
+        # The shading angle stores them.
+        normals = column.column()
+        normals.active = settings.shading_angle == 0
+        normals.prop(settings, "exact_normals")
         column.prop(settings, "max_faces")
 
 
@@ -80,6 +85,8 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
         row = layout.row()
         row.label(text=source.name, icon="OUTLINER_OB_MESH")
         row.prop(made.ccdepth, "keep_updated")
+    if made.data.has_custom_normals:
+        layout.operator("ccdepth.remove_normals", icon="NORMALS_VERTEX_FACE")
     if made.data.ccdepth.has_result:
         draw_facts(layout, facts_of(context.scene, made.data.ccdepth))
 
@@ -99,7 +106,10 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return
     if not count.are_too_many:
-        draw_facts(layout, [count_fact(count.faces, reduced=settings.reduce)])
+        facts = [count_fact(count.faces, reduced=settings.reduce)]
+        if count.by_distance is not None:
+            facts.append(angles_fact(count.faces, count.by_distance))
+        draw_facts(layout, facts)
         return
     # In one row, like the button before, so that nothing below moves.
     split = layout.split(factor=0.55, align=True)

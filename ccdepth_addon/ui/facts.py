@@ -11,7 +11,7 @@ import bpy
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..state.still_holds import is_own, measured_object, target_of
 from ..tasks.deviation_task import Verdict
-from .lengths import Rounding, bound_texts, common_unit, length_text
+from .lengths import DEGREES, Rounding, bound_texts, common_unit, length_text
 from .selected_objects import lengths_text
 
 # Larger counts of faces are written as powers of ten.
@@ -20,6 +20,14 @@ LARGEST_COUNT_IN_FULL = 10**10
 OWN_FACES = "How many faces the mesh itself has, before modifiers; a mesh of several objects counts once"
 CONTROL_FACES = "How many faces the control mesh has: the mesh with the included modifiers"
 ALLOWED = "The allowed distance from the limit surface, in the scene's unit"
+
+
+SHADING = "The proved largest angle between the shown normals and those of the limit surface, of the allowed angle"
+FACETS = (
+    "The proved largest angle between triangles and the limit surface, where no shading angle counts, of the allowed "
+    "angle"
+)
+NARROW = "How many faces have parts narrower than the tolerance, where angles do not count"
 
 
 class Fact(NamedTuple):
@@ -89,6 +97,15 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
     unreduced = [Fact("Without Reduce", before, "How many triangles there were before Reduce")]
     largest, tolerance = bound_texts(scene, record.largest_bound, record.world_tolerance, unit)
     proved = "The proved largest distance between the mesh and the limit surface, both ways"
+    angles = [
+        Fact(name, " of ".join(bound_texts(scene, found, allowed, DEGREES)), meaning)
+        for name, found, allowed, meaning in (
+            ("Shading Angle", record.largest_shading_angle, record.shading_angle, SHADING),
+            ("Facet Angle", record.largest_facet_angle, record.facet_angle, FACETS),
+        )
+        if allowed
+    ]
+    narrow = f"{record.narrow_leaves:,} {'face' if record.narrow_leaves == 1 else 'faces'}"
     return [
         *(unreduced if record.unreduced_triangles else []),
         Fact("Control Faces", f"{record.base_faces:,}", CONTROL_FACES),
@@ -99,6 +116,8 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
         ),
         Fact("Tolerance", tolerance, ALLOWED),
         Fact("Largest Distance", largest, proved),
+        *angles,
+        *([Fact("Narrow Parts", narrow, NARROW)] if record.narrow_leaves else []),
     ]
 
 
@@ -138,6 +157,12 @@ def deviation_text(most: str, least: str, tolerance: str, verdict: Verdict) -> s
     """The measurement as a sentence, from lengths as text."""
     joined = "; the tolerance is" if verdict is Verdict.UNDECIDED else " of"
     return f"Deviation at most {most}, at least {least}: {verdict.value}{joined} {tolerance}"
+
+
+def angles_fact(faces: int, by_distance: int) -> Fact:
+    """The faces that angles cost. by_distance: the number of faces without angles."""
+    more = f"{faces - by_distance:+,} faces"
+    return Fact("For Angles", more, "How many faces are made for the shading angle and the facet angle")
 
 
 def count_fact(faces: int, *, reduced: bool = False) -> Fact:

@@ -12,7 +12,7 @@ import bpy
 from ..state.colors import LAST_DEPTH, depth_colors
 from ..state.heat_map import Shown, tolerance_of, top
 from . import deviation_panel, panels
-from .lengths import DIGITS, Rounding, enough_digits, in_unit, length_text, number_text, unit_for
+from .lengths import DEGREES, DIGITS, Rounding, enough_digits, in_unit, length_text, number_text, unit_for
 from .selected_objects import faces_by_depth, lengths_text
 
 Color = tuple[float, ...]
@@ -95,11 +95,12 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
     the largest distance."""
     largest = max(found.values())
     tops = {top(kind, tolerance, scene.ccdepth) for tolerance in found}
-    unit = unit_for(scene, max(tops))
+    fixed = DEGREES if kind is Shown.ANGLE else None
+    unit = fixed or unit_for(scene, max(tops))
     digits = enough_digits(in_unit(scene, largest, unit), in_unit(scene, max(found), unit))
-    notes = [f"for {lengths_text(scene, found, digits)}", *plain.notes]
+    notes = [f"for {lengths_text(scene, found, digits, fixed)}", *plain.notes]
     if largest:
-        notes.append(f"Largest {length_text(scene, largest, Rounding.UP, digits)}")
+        notes.append(f"Largest {length_text(scene, largest, Rounding.UP, digits, fixed)}")
     if len(tops) == 1:
         [last] = tops
         ends, name = (in_unit(scene, last, unit), in_unit(scene, min(found), unit)), unit.name
@@ -136,6 +137,8 @@ def round_numbers(top: Decimal) -> list[Decimal]:
 def _largest(mesh: bpy.types.Mesh, kind: Shown) -> float:
     """The largest value of the kind on the mesh, from its record."""
     record = mesh.ccdepth
+    if kind is Shown.ANGLE:
+        return float(max(record.largest_shading_angle, record.largest_facet_angle))
     return float(record.deviation if kind is Shown.DEVIATION else record.largest_bound)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from enum import Enum
+from math import pi
 from typing import NamedTuple
 
 import bpy
@@ -34,6 +35,9 @@ class Unit(NamedTuple):
 
 
 PLAIN = Unit("", Decimal(1))
+
+# For angles in radians, which have no scale.
+DEGREES = Unit("°", Decimal(pi) / 180)
 
 # Each from the largest to the smallest.
 METRIC = {
@@ -94,7 +98,7 @@ def length_text(
     length."""
     chosen = unit or unit_for(scene, length)
     number = number_text(in_unit(scene, length, chosen), rounding, digits)
-    return f"{number} {chosen.name}" if chosen.name else number
+    return f"{number}{'' if chosen in (PLAIN, DEGREES) else ' '}{chosen.name}"
 
 
 def bound_texts(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Unit | None = None) -> tuple[str, str]:
@@ -117,7 +121,7 @@ def enough_digits(bound: Decimal, tolerance: Decimal) -> int:
 
 def in_unit(scene: bpy.types.Scene, length: float, unit: Unit) -> Decimal:
     """A length of the scene as a multiple of the unit."""
-    return Decimal(str(length)) if unit == PLAIN else _metres(scene, length) / unit.length
+    return Decimal(str(length)) / unit.length if unit in (PLAIN, DEGREES) else _metres(scene, length) / unit.length
 
 
 def number_text(number: Decimal, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS) -> str:

@@ -17,6 +17,7 @@ ENTRIES = (
     ("ccdepth.find_tolerance", "VIEWZOOM"),
     ("ccdepth.update", "FILE_REFRESH"),
     ("ccdepth.before_after", "FILE_PARENT"),
+    ("ccdepth.remove_normals", "NORMALS_VERTEX_FACE"),
     None,
     ("ccdepth.measure", "DRIVER_DISTANCE"),
     None,

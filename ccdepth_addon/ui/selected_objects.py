@@ -11,7 +11,7 @@ import bpy
 from ..state import heat_map, known, mesh_values, result_record
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
-from .lengths import DIGITS, common_unit, length_text
+from .lengths import DIGITS, Unit, common_unit, length_text
 
 # Without anything selected, the legend looks through no more objects than this.
 MOST_SEARCHED = 1000
@@ -58,11 +58,14 @@ def faces_by_depth(objects: Iterable[bpy.types.Object]) -> Counter[int]:
     return counts
 
 
-def lengths_text(scene: bpy.types.Scene, lengths: Iterable[float], digits: int = DIGITS) -> str:
-    """One length, or the least and the largest of several, to some significant digits."""
+def lengths_text(
+    scene: bpy.types.Scene, lengths: Iterable[float], digits: int = DIGITS, unit: Unit | None = None
+) -> str:
+    """One length, or the least and the largest of several, to some significant digits. unit: None for the unit that
+    suits them."""
     found = {*lengths}
-    unit = common_unit(scene, found)
+    unit = unit or common_unit(scene, found)
     least, largest = (length_text(scene, each, digits=digits, unit=unit) for each in (min(found), max(found)))
     if least == largest:
         return least
-    return f"{least if unit is None else least.split()[0]}–{largest}"
+    return f"{least if unit is None else least.removesuffix(unit.name).rstrip()}–{largest}"

@@ -259,7 +259,7 @@ def test_custom_normals_that_are_left_out_are_told(capfd: pytest.CaptureFixture[
     holder.data.shade_smooth()
     holder.data.normals_split_custom_set([(0.6, 0.0, 0.8)] * len(holder.data.loops))
     for exact_normals in (True, False):
-        [result] = subdivide(holder, tolerance=ROUGH, exact_normals=exact_normals)
+        [result] = subdivide(holder, tolerance=ROUGH, exact_normals=exact_normals, shading_angle=0.0)
         assert result.data.has_custom_normals == exact_normals
         assert ("Shaded: its custom normals are left out" in capfd.readouterr().out) == (not exact_normals)
 

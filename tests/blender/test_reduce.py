@@ -190,7 +190,7 @@ def test_lines_and_everything_else_of_the_mesh_are_there() -> None:
     assert mesh["note"] == 3
     assert mesh.attributes.active_color_name == "Color"
     assert mesh.uv_layers.active.name == "Map"
-    known = {*addon.ATTRIBUTES, *original.data.attributes.keys()}
+    known = {*addon.ATTRIBUTES, "custom_normal", *original.data.attributes.keys()}
     assert {name for name in mesh.attributes.keys() if not name.startswith(".")} <= known  # noqa: SIM118
     assert addon.depths(result).max() == mesh.ccdepth.deepest
     found = uvs_off(result)

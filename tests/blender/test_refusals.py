@@ -79,6 +79,8 @@ def points_of_one_mesh() -> list[bpy.types.Object]:
 def with_attribute(name: str, data_type: str, domain: str) -> bpy.types.Object:
     """With a fifth value that is no number, where there is such a thing."""
     holder = cube()
+    # Only smooth faces have normals to store.
+    holder.data.shade_smooth()
     attribute = holder.data.attributes.new(name, data_type, domain)
     if data_type == "FLOAT":
         attribute.data[5].value = NAN
