@@ -9,11 +9,11 @@ from bl_operators.presets import AddPresetBase
 from bpy.props import EnumProperty, FloatProperty
 
 from ..state import properties
-from ..tasks.surfaces import ComputeError, refuse_bad_tolerance
+from ..tasks.surfaces import ComputeError, refuse_bad_angles, refuse_bad_tolerance
 
 
 class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
-    """Set the tolerance"""
+    """Set the tolerance, and the angles of the preset"""
 
     bl_idname = "ccdepth.use_tolerance"
     bl_label = "Use Tolerance"
@@ -31,22 +31,30 @@ class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
         default=properties.DEFAULT_RELATIVE_TOLERANCE,
         options={"SKIP_SAVE"},
     )
+    shading_angle: FloatProperty(
+        name="Shading Angle", description="As the scene has it where it is not set", options={"SKIP_SAVE"}
+    )
+    facet_angle: FloatProperty(
+        name="Facet Angle", description="As the scene has it where it is not set", options={"SKIP_SAVE"}
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             refuse_bad_tolerance(self.tolerance)
+            refuse_bad_angles(self.shading_angle, self.facet_angle)
         except ComputeError as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         settings = context.scene.ccdepth
-        if self.properties.is_property_set("tolerance_mode"):
-            settings.tolerance_mode = self.tolerance_mode
+        for name in ("tolerance_mode", "shading_angle", "facet_angle"):
+            if self.properties.is_property_set(name):
+                setattr(settings, name, getattr(self, name))
         properties.set_scene_tolerance(settings, self.tolerance)
         return {"FINISHED"}
 
 
 class CCDEPTH_OT_tolerance_preset_add(AddPresetBase, bpy.types.Operator):
-    """Add the tolerance to the presets, or remove a preset"""
+    """Add the tolerance and the angles to the presets, or remove a preset"""
 
     bl_idname = "ccdepth.tolerance_preset_add"
     bl_label = "Add Tolerance Preset"
@@ -57,4 +65,6 @@ class CCDEPTH_OT_tolerance_preset_add(AddPresetBase, bpy.types.Operator):
         "bpy.context.scene.ccdepth.tolerance_mode",
         "bpy.context.scene.ccdepth.relative_tolerance",
         "bpy.context.scene.ccdepth.tolerance",
+        "bpy.context.scene.ccdepth.shading_angle",
+        "bpy.context.scene.ccdepth.facet_angle",
     ]

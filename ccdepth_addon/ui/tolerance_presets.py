@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The presets of the tolerance in the header of the sidebar's panel, from coarse to fine, the current one marked."""
+"""The presets of tolerance and angles in the sidebar's header, from coarse to fine, the current one marked."""
 
 from __future__ import annotations
 
 import re
 from ast import literal_eval
 from contextlib import suppress
+from math import radians
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,19 +16,24 @@ from bl_ui.utils import PresetPanel
 from ..state.properties import TOLERANCE_PRESETS, scene_tolerance, tolerance_name
 from ..tasks.surfaces import shortest_decimal
 
-# Some five pixels when the object fills the screen, one, and a fifth.
-FRACTIONS = {"Draft": 0.005, "Standard": 0.001, "Fine": 0.0002}
+# Some five pixels when the object fills the screen, one, and a fifth; each with its shading angle in degrees.
+FRACTIONS = {"Draft": (0.005, 10.0), "Standard": (0.001, 5.0), "Fine": (0.0002, 2.0)}
 
-# The resolution of a good printer, in metres.
-PRINTED = 0.0001
+# The resolution of a good printer, in metres, and facets that are not felt, in degrees.
+PRINTED, PRINTED_FACETS = 0.0001, 15.0
+
+
+ANGLES = ("shading_angle", "facet_angle")
 
 
 class Preset(NamedTuple):
-    """A tolerance by a name, as it is typed in its mode. is_own: whether a user added it."""
+    """A tolerance by a name, as it is typed in its mode. angles: of shading and facets, in radians; None where the
+    tolerance is alone. is_own: whether a user added it."""
 
     name: str
     mode: str
     tolerance: float
+    angles: tuple[float, float] | None
     is_own: bool = False
 
 
@@ -40,14 +46,19 @@ class CCDEPTH_PT_tolerance_presets(PresetPanel, bpy.types.Panel):
         layout.operator_context = "EXEC_DEFAULT"
         column = layout.column(align=True)
         current = settings.tolerance_mode, scene_tolerance(settings)
+        angles = tuple(map(shortest_decimal, (settings.shading_angle, settings.facet_angle)))
         for preset in presets(context.scene):
             row = column.row(align=True)
             row.alignment = "LEFT"
-            is_current = current == (preset.mode, shortest_decimal(preset.tolerance))
+            is_current = current == (preset.mode, shortest_decimal(preset.tolerance)) and (
+                preset.angles is None or angles == tuple(map(shortest_decimal, preset.angles))
+            )
             button = row.operator(
                 "ccdepth.use_tolerance", text=preset.name, translate=False, icon="CHECKMARK" if is_current else "BLANK1"
             )
             button.tolerance_mode, button.tolerance = preset.mode, preset.tolerance
+            if preset.angles is not None:
+                button.shading_angle, button.facet_angle = preset.angles
             if preset.is_own:
                 button = row.operator("ccdepth.tolerance_preset_add", text="", icon="REMOVE")
                 button.name, button.remove_name = preset.name, True
@@ -61,15 +72,20 @@ class CCDEPTH_PT_tolerance_presets(PresetPanel, bpy.types.Panel):
 
 def presets(scene: bpy.types.Scene) -> list[Preset]:
     """All presets, fractions before distances, each from coarse to fine."""
-    found = [Preset(name, "RELATIVE", fraction) for name, fraction in FRACTIONS.items()]
-    found.append(Preset("Print 0.1 mm", "ABSOLUTE", PRINTED / scene.unit_settings.scale_length))
+    found = [Preset(name, "RELATIVE", fraction, (radians(angle), 0.0)) for name, (fraction, angle) in FRACTIONS.items()]
+    printed = PRINTED / scene.unit_settings.scale_length
+    found.append(Preset("Print 0.1 mm", "ABSOLUTE", printed, (0.0, radians(PRINTED_FACETS))))
     for path in [path for folder in bpy.utils.preset_paths(TOLERANCE_PRESETS) for path in Path(folder).glob("*.py")]:
         # A file with other contents is no preset.
         with suppress(KeyError, ValueError, SyntaxError):
             values = dict(re.findall(r"ccdepth\.(\w+) = (.+)", path.read_text(encoding="utf-8")))
             mode = literal_eval(values["tolerance_mode"])
             tolerance = float(values[tolerance_name(mode)])
-            found.append(Preset(bpy.path.display_name(path.name, title_case=False), mode, tolerance, is_own=True))
+            # Others hold a tolerance alone.
+            own = [float(values[name]) for name in ANGLES if name in values]
+            angles = (own[0], own[1]) if len(own) == len(ANGLES) else None
+            name = bpy.path.display_name(path.name, title_case=False)
+            found.append(Preset(name, mode, tolerance, angles, is_own=True))
     return sorted(found, key=lambda each: (each.mode == "ABSOLUTE", -each.tolerance))
 
 

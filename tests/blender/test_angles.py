@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests import meshes
-from tests.blender import addon, scene
-from tests.blender.subdividing import faces, known_count, refused, subdivide
+from tests.blender import addon, scene, snapshot
+from tests.blender.subdividing import faces, known_count, refused, refuses, subdivide
 
 # A distance at which the angles decide on these meshes.
 ROUGH = 0.2
@@ -190,3 +190,18 @@ def test_the_heat_map_shows_angles() -> None:
     assert [mark.number for mark in found.marks(0.1)] == ["0", "1", "2", "3", "4"]
     addon.finish("compute", made, tolerance=ROUGH)
     assert not heat_map.has_shown(made.data, kind)
+
+
+def test_presets_have_angles() -> None:
+    module, settings = addon.module("ui.tolerance_presets"), bpy.context.scene.ccdepth
+    found = {}
+    for preset in module.presets(bpy.context.scene):
+        shading, facets = preset.angles
+        bpy.ops.ccdepth.use_tolerance(
+            tolerance_mode=preset.mode, tolerance=preset.tolerance, shading_angle=shading, facet_angle=facets
+        )
+        found[preset.name] = [round(degrees(each), 3) for each in (settings.shading_angle, settings.facet_angle)]
+    assert found == {"Draft": [10, 0], "Standard": [5, 0], "Fine": [2, 0], "Print 0.1 mm": [0, 15]}
+    with snapshot.unchanged(lambda path: path[-1] in {"tolerance", "tolerance_mode"}):
+        bpy.ops.ccdepth.use_tolerance(tolerance_mode="ABSOLUTE", tolerance=2.0)
+    refuses("use_tolerance", "less than 90", tolerance=1.0, facet_angle=2.0)
