@@ -111,6 +111,8 @@ def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> Objec
         result_faces=record.faces,
         deepest=record.deepest,
         proved=metres_rounded_up(record.largest_bound, scene_unit(bpy.context.scene)),
+        proved_shading=record.largest_shading_angle if record.shading_angle else None,
+        proved_facets=record.largest_facet_angle if record.facet_angle else None,
     )
 
 

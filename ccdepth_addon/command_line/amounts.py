@@ -7,7 +7,7 @@ import re
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf, nan, nextafter
+from math import inf, nan, nextafter, radians
 
 from ..ui.lengths import IMPERIAL, METRIC
 
@@ -79,6 +79,14 @@ def face_budget(text: str) -> int:
     if not 1 <= faces <= LARGEST_FACE_COUNT:
         raise ArgumentTypeError(f"“{text}” is not a number of faces: give one like 50000, 50k or 1.5M")
     return round(faces)
+
+
+def angle(text: str) -> float:
+    """An angle in radians, from degrees. Raises ArgumentTypeError."""
+    degrees = number_from("of degrees", 0.0)(text)
+    if degrees >= 90:
+        raise ArgumentTypeError(f"an angle must be less than 90°, and “{text}” is not")
+    return radians(degrees)
 
 
 def whole_number(text: str) -> int:

@@ -13,7 +13,7 @@ from ..core import METHODS, Mode
 from ..state.properties import VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
-from .amounts import LEAST, UNITS, face_budget, face_limit, number_from, typed_tolerance, whole_number
+from .amounts import LEAST, UNITS, angle, face_budget, face_limit, number_from, typed_tolerance, whole_number
 from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
 from .report import reports_in
 
@@ -153,6 +153,9 @@ def _add_actions(parser: Parser) -> None:
         help="the most seconds to measure; 0 for no limit",
     )
     add = parser.add_argument_group("adaptive subdivision").add_argument
+    for name, default in (("shading", 5), ("facet", 0)):
+        text = f"largest {name} angle in degrees, 0 for no limit; {default} unless a .blend file says otherwise"
+        add(f"--{name}-angle", type=angle, metavar="DEGREES", help=text)
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
     add(
         "--in-place",

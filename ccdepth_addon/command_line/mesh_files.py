@@ -94,6 +94,9 @@ LOST = {
     **dict.fromkeys(USD, ("images that are in no file",)),
 }
 
+# The formats without normals of their own.
+WITHOUT_NORMALS = {suffix for suffix, names in LOST.items() if "custom normals" in names}
+
 # The lines of an .mtl file that name a file in another folder, up to this name.
 NAMED_FILE = re.compile(rb"^((?:map_|refl|norm|bump|disp)(?:.* )?)\.\./", re.MULTILINE)
 

@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 
 import bpy
 
+from ..exchange.custom_normals import smooth_faces
 from ..state import properties
 from ..state.properties import set_scene_tolerance, setting_names
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
@@ -21,13 +22,14 @@ from ..ui.printable import printable
 from . import picture
 from .actions import ACTIONS, call_for, settings_of
 from .amounts import UNITS
-from .arguments import MAKING, MEASURE, SCENE_RANGE, action_of, is_measured, output_of
+from .arguments import MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
 from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
 from .mesh_files import (
     BLEND,
     COMPANIONS,
     INPUTS,
+    WITHOUT_NORMALS,
     check_blend,
     load,
     names_of,
@@ -43,6 +45,8 @@ from .report import Chosen, Distances, FileEntry, ObjectEntry, ReportPictures, s
 from .report_text import print_measured
 from .whole_files import PNG, UnwrittenError, refuse_existing, written_whole
 from .written_meshes import Edges, measured_distances, read_written, shown_triangles
+
+SHADING_LOST = "the shading angle (the format has no normals)"
 
 # The options that are settings of the scene under the same names.
 GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "output"}
@@ -65,9 +69,10 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     objects, error = evaluated_objects(source, found)
     settings = bpy.context.scene.ccdepth
     change_settings(settings, options)
+    action = action_of(options)
+    lost = _leave_out_shading(settings, objects) if action == SUBDIVIDE and _has_no_normals(output) else ()
     if options.faces is not None:
         call_for(objects, bpy.ops.ccdepth.find_tolerance, face_budget=options.faces)
-    action = action_of(options)
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
     targets = surfaces_of(objects) if is_checked else []
@@ -76,7 +81,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     stamped = stamped and replace(stamped, metres_per_unit=unit)
     chosen = Chosen(options.objects, options.collection)
     entries = tuple(each for each, _ in outcomes)
-    entry = FileEntry(stamped, entries, error=error, chosen=chosen, left_out=left_out)
+    entry = FileEntry(stamped, entries, error=error, chosen=chosen, left_out=left_out, lost=lost)
     if options.picture is not None:
         with _written(options.picture, options) as path:
             picture.render(bpy.context, shown, path)
@@ -86,6 +91,17 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         entry = _write(output, shown, targets, entry, options)
     print_measured(entry)
     return entry
+
+
+def _has_no_normals(output: Path | None) -> bool:
+    return output is not None and output.suffix.lower() in WITHOUT_NORMALS
+
+
+def _leave_out_shading(settings: bpy.types.PropertyGroup, objects: Sequence[bpy.types.Object]) -> tuple[str, ...]:
+    """Turn the shading angle off; returns what objects with smooth faces thereby lose."""
+    is_lost = settings.shading_angle > 0 and any(smooth_faces(each.data).any() for each in objects)
+    settings.shading_angle = 0.0
+    return (SHADING_LOST,) if is_lost else ()
 
 
 def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
@@ -181,12 +197,12 @@ def _write(
     scene = scene_unit(bpy.context.scene)
     unit = scene if is_blend else unit_of(output, UNITS.get(options.unit))
     with _written(output, options) as path:
-        lost: tuple[str, ...] = ()
+        lost = entry.lost
         if is_blend:
             write_blend(path)
             check_blend(path, [each.name for each in shown])
         else:
-            lost = write_meshes(shown, path, unit)
+            lost += write_meshes(shown, path, unit)
         # The stamp of the measured file, before anything can take its place.
         stamped = replace(stamp(path, unit), path=output)
         companions = tuple(

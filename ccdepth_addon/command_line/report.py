@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from hashlib import file_digest
-from math import inf, nextafter
+from math import degrees, inf, nextafter
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NewType
@@ -24,7 +24,7 @@ import bpy
 from .. import version
 from ..ui.printable import printable_lines
 
-FORMAT, FORMAT_VERSION = "ccdepth-report", 2
+FORMAT, FORMAT_VERSION = "ccdepth-report", 3
 PROGRAM = {"name": "CC Depth", "version": version()}
 
 # The relative rounding of lengths. Blender keeps some lengths in single precision, with roundings of 6e-8 of a number.
@@ -40,6 +40,11 @@ Frame = NewType("Frame", int)
 def metres_rounded_up(length: float, metres_per_unit: float) -> float:
     """A proved length of the scene in metres, rounded up."""
     return nextafter(length * metres_per_unit, inf)
+
+
+def degrees_rounded_up(angle: float | None) -> float | None:
+    """A proved angle in degrees, rounded up; None without an angle."""
+    return None if angle is None else nextafter(degrees(angle), inf)
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,8 @@ class ObjectEntry:
     names. tolerance: as a length. faces: of its mesh; vertices: of the depths, CONTROL or LIMIT; result_faces: of the
     made mesh; triangles: of the written and measured mesh. deepest: the deepest depth of a face; level: the first at
     which all faces are within the tolerance; worst_frame: of depths over frames. proved: the largest distance proved
-    when the mesh was made. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
+    when the mesh was made; proved_shading, proved_facets: the largest angles in radians, where shading counts and
+    elsewhere. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
     without a measurement. closed, oriented: of the written and measured mesh, as of ``written_meshes.Edges``.
     """
 
@@ -81,6 +87,8 @@ class ObjectEntry:
     level: int | None = None
     worst_frame: Frame | None = None
     proved: float | None = None
+    proved_shading: float | None = None
+    proved_facets: float | None = None
     measured: Distances | None = None
     met: bool | None = None
     closed: bool | None = None
@@ -225,6 +233,8 @@ COLUMNS: dict[str, Callable[[ObjectEntry], Any]] = {
     "tolerance_m": attrgetter("tolerance"),
     **{name: attrgetter(name) for name in ("faces", "deepest", "level", "worst_frame", "result", "result_faces")},
     "proved_m": attrgetter("proved"),
+    "proved_shading_degrees": lambda entry: degrees_rounded_up(entry.proved_shading),
+    "proved_facets_degrees": lambda entry: degrees_rounded_up(entry.proved_facets),
     "measured_proved_m": lambda entry: entry.measured and entry.measured.proved,
     "measured_reached_m": lambda entry: entry.measured and entry.measured.reached,
     "met": lambda entry: YES_OR_NO[entry.met],

@@ -16,7 +16,7 @@ from ..ui.facts import share_text
 from ..ui.lengths import DIGITS, Rounding
 from ..ui.printable import printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
-from .report import YES_OR_NO, FileEntry, FileStamp, ObjectEntry, Report, ReportPictures
+from .report import YES_OR_NO, FileEntry, FileStamp, ObjectEntry, Report, ReportPictures, degrees_rounded_up
 from .report_text import enough_digits_in_metres, losses, metres_text
 
 ACTION_TEXTS = {
@@ -219,6 +219,8 @@ def _facts(entry: ObjectEntry) -> dict[str, str]:
         facts["Vertices"] = VERTEX_TEXTS[entry.vertices][0]
     facts |= {name: f"{number:,}" for name, number in numbers.items() if number is not None}
     facts |= {name: _length(bound, Rounding.UP, digits) for name, bound in bounds.items()}
+    angles = {"Proved shading angle, at most": entry.proved_shading, "Proved facet angle, at most": entry.proved_facets}
+    facts |= {name: f"{degrees_rounded_up(found):.4g}°" for name, found in angles.items() if found is not None}
     if entry.measured is not None:
         facts["Measured, at least"] = _length(entry.measured.reached, Rounding.DOWN)
     told = {"Closed": entry.closed, "Oriented": entry.oriented}

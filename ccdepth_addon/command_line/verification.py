@@ -76,6 +76,10 @@ def _contradictions(report: Report, entry: FileEntry) -> Iterator[str]:
     for each in entry.objects:
         if each.level is not None and each.level < (each.deepest or 0):
             yield f"{each.name}: the report says deepest {each.deepest}, and level {each.level} for all faces"
+        for name, allowed in (("proved_shading", "shading_angle"), ("proved_facets", "facet_angle")):
+            said = getattr(each, name)
+            if said is not None and not said <= each.settings.get(allowed, 0.0) * (1 + ROUNDING):
+                yield f"{each.name}: the report says {name} {said}, beyond its {allowed}"
         if report.action == MEASURE and not _is_accurate(each):
             yield f"{each.name}: the distances measured are not as near to each other as its accuracy says"
 

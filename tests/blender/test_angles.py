@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The shading angle and the facet angle: what is stored, told, counted and refused."""
 
+import json
 from math import degrees, inf, nan, radians
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -10,6 +12,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
+from tests.blender.runs import outputs, printed, said, save
 from tests.blender.subdividing import faces, known_count, refused, refuses, subdivide
 
 # A distance at which the angles decide on these meshes.
@@ -205,3 +208,35 @@ def test_presets_have_angles() -> None:
     with snapshot.unchanged(lambda path: path[-1] in {"tolerance", "tolerance_mode"}):
         bpy.ops.ccdepth.use_tolerance(tolerance_mode="ABSOLUTE", tolerance=2.0)
     refuses("use_tolerance", "less than 90", tolerance=1.0, facet_angle=2.0)
+
+
+@pytest.mark.every_blender
+@pytest.mark.parametrize("suffix", [".obj", ".stl"])
+def test_the_command_line_takes_angles_in_degrees(
+    suffix: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    smooth(meshes.landscape(4, 4))
+    file, output, report = save(tmp_path / "hills.blend"), tmp_path / f"hills{suffix}", tmp_path / "report.json"
+    arguments = (file, "--subdivide", "--tolerance", ROUGH, "--absolute", "--output", output, "--json", report)
+    arguments += ("--shading-angle", 4, "--facet-angle", 20, "--html", tmp_path / "page.html")
+    out, err = outputs(capfd, *arguments)
+    [entry] = json.loads(report.read_text())["files"][0]["objects"]
+    has_normals, page = suffix == ".obj", (tmp_path / "page.html").read_text()
+    # Without normals in the file only the facets count.
+    lost = "the shading angle (the format has no normals)"
+    assert (lost not in err) == (lost not in page) == has_normals
+    name, word = ("proved_shading", "Shading") if has_normals else ("proved_facets", "Facet")
+    assert entry["settings"]["shading_angle"] == pytest.approx(radians(4) if has_normals else 0)
+    assert entry["settings"]["facet_angle"] == pytest.approx(radians(20))
+    assert {each for each in ("proved_shading", "proved_facets") if entry[each] is not None} == {name}
+    assert f"{word} Angle: " in out
+    assert f"Proved {word.lower()} angle, at most" in page
+    printed(capfd, "--verify", report)
+    forged = report.read_text().replace(f'"{name}": {entry[name]}', f'"{name}": 0.4')
+    report.write_text(forged)
+    assert f"{name} 0.4, beyond its" in printed(capfd, "--verify", report, status=1)
+
+
+@pytest.mark.parametrize("angle", ["-1", "90", "nan", "5deg"])
+def test_the_command_line_refuses_other_angles(angle: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert "angle" in said(capfd, "--subdivide", f"--shading-angle={angle}", status=2)

@@ -292,6 +292,8 @@ def test_levels_are_set_unless_it_is_a_result(tmp_path: Path, capfd: Capture) ->
 
 def test_a_number_of_faces(tmp_path: Path) -> None:
     path, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out.blend"
+    bpy.data.objects["Cube"].data.shade_smooth()
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
     assert run(path, "--subdivide", "--exact-normals", "--faces", "0.5k", "--output", output) == 0
     made = mesh_objects(output)["Cube Adaptive"].data
     assert 250 < len(made.polygons) <= 500

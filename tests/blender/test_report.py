@@ -299,9 +299,9 @@ def test_the_standard_output_holds_the_report_alone(tmp_path: Path, capfd: Captu
 def test_what_is_no_report(tmp_path: Path, capfd: Capture) -> None:
     named, path = '{{"format": "ccdepth-report", "version": {}{}}}', tmp_path / "report.json"
     messages = dict.fromkeys(("{}", "no JSON", "[]"), "not a CC Depth report")
-    for number, told in (("1", 1), ("3", 3), ("true", True), ("2.0", 2.0), ("0", 0), ('"2"', 2)):
-        messages[named.format(number, "")] = f"it is a report of version {told}, and not of version 2"
-    messages[named.format(2, ', "action": "depths", "files": [{}]')] = "not a CC"
+    for number, told in (("1", 1), ("4", 4), ("true", True), ("3.0", 3.0), ("0", 0), ('"3"', 3)):
+        messages[named.format(number, "")] = f"it is a report of version {told}, and not of version 3"
+    messages[named.format(3, ', "action": "depths", "files": [{}]')] = "not a CC"
     for text, message in messages.items():
         path.write_text(text)
         assert message in said(capfd, "--verify", path)
