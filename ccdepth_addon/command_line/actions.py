@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import degrees
 from typing import Any
 
 import bpy
@@ -124,7 +125,9 @@ def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> O
         record = each.data.ccdepth
         distances = Distances.of(record.deviation, record.deviation_reached, scene_unit(bpy.context.scene))
         entry = _entry(each, settings, record.measurement.world_tolerance)
-        found.append((replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name), each))
+        entry = replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
+        angles = degrees(record.deviation_facet_angle), degrees(record.deviation_shading_angle)
+        found.append((replace(entry, facet_angle=angles[0], shading_angle=angles[1]), each))
     return found
 
 

@@ -8,6 +8,7 @@ from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from math import degrees
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -223,10 +224,17 @@ def _write(
 
 
 def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
-    """The entry with the measured distances. unit: of the surface, in metres."""
+    """The entry with the measured distances and angles. unit: of the surface, in metres."""
     distances = Distances.of(answer.proved, answer.reached, unit)
     is_met = answer.verdict is Verdict.MET
-    return replace(entry, tolerance=answer.tolerance * unit, measured=distances, met=is_met)
+    return replace(
+        entry,
+        tolerance=answer.tolerance * unit,
+        measured=distances,
+        met=is_met,
+        facet_angle=degrees(answer.facet_angle),
+        shading_angle=None if answer.shading_angle is None else degrees(answer.shading_angle),
+    )
 
 
 def as_held(entry: ObjectEntry, part: Measured) -> ObjectEntry:

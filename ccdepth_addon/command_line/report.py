@@ -72,7 +72,9 @@ class ObjectEntry:
     which all faces are within the tolerance; worst_frame: of depths over frames. proved: the largest distance proved
     when the mesh was made; proved_shading, proved_facets: the largest angles in radians, where shading counts and
     elsewhere. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
-    without a measurement. closed, oriented: of the written and measured mesh, as of ``written_meshes.Edges``.
+    without a measurement. facet_angle, shading_angle: of the measured mesh, the largest at samples, in degrees; None
+    without a measurement, or without normals. closed, oriented: of the written and measured mesh, as of
+    ``written_meshes.Edges``.
     """
 
     name: str
@@ -91,6 +93,8 @@ class ObjectEntry:
     proved_facets: float | None = None
     measured: Distances | None = None
     met: bool | None = None
+    facet_angle: float | None = None
+    shading_angle: float | None = None
     closed: bool | None = None
     oriented: bool | None = None
 
@@ -237,6 +241,7 @@ COLUMNS: dict[str, Callable[[ObjectEntry], Any]] = {
     "proved_facets_degrees": lambda entry: degrees_rounded_up(entry.proved_facets),
     "measured_proved_m": lambda entry: entry.measured and entry.measured.proved,
     "measured_reached_m": lambda entry: entry.measured and entry.measured.reached,
+    **{f"{name}_deg": attrgetter(name) for name in ("facet_angle", "shading_angle")},
     "met": lambda entry: YES_OR_NO[entry.met],
     "closed": lambda entry: YES_OR_NO[entry.closed],
     "oriented": lambda entry: YES_OR_NO[entry.oriented],

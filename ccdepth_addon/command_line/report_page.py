@@ -223,6 +223,8 @@ def _facts(entry: ObjectEntry) -> dict[str, str]:
     facts |= {name: f"{degrees_rounded_up(found):.4g}°" for name, found in angles.items() if found is not None}
     if entry.measured is not None:
         facts["Measured, at least"] = _length(entry.measured.reached, Rounding.DOWN)
+    angles = {"Facets, at samples": entry.facet_angle, "Shading, at samples": entry.shading_angle}
+    facts |= {name: f"{angle:.2f}°" for name, angle in angles.items() if angle is not None}
     told = {"Closed": entry.closed, "Oriented": entry.oriented}
     return facts | {name: YES_OR_NO[is_so] for name, is_so in told.items() if is_so is not None}
 

@@ -52,7 +52,9 @@ def print_measured(entry: FileEntry) -> None:
             least = metres_text(each.measured.reached, Rounding.DOWN)
             verdict = verdict_of(each.measured.proved, each.measured.reached, each.tolerance)
             text = deviation_text(most, least, metres_text(each.tolerance, digits=digits), verdict)
-            print(f"{printable(each.result or each.name)}: {text}")
+            angles = {"facets": each.facet_angle, "shading": each.shading_angle}
+            told = "".join(f"; {name} {angle:.2f}° at samples" for name, angle in angles.items() if angle is not None)
+            print(f"{printable(each.result or each.name)}: {text}{told}")
 
 
 def _length_text(length: float) -> str:

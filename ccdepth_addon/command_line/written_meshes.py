@@ -94,7 +94,7 @@ def _read_stl(path: Path) -> Measured:
 def _joined(triangles: Triangles) -> Triangles:
     """The triangles with one vertex for all vertices at equal positions, as these are measured faster."""
     positions, vertices = np.unique(triangles.positions, axis=0, return_inverse=True)
-    return Triangles(positions, vertices.ravel()[triangles.corners], triangles.faces)
+    return replace(triangles, positions=positions, corners=vertices.ravel()[triangles.corners])
 
 
 def _as_measured(blender_object: bpy.types.Object) -> Measured:
@@ -122,7 +122,8 @@ def _split(whole: Measured, written: Mapping[str, int]) -> list[Measured]:
     for own_count in written.values():
         own = slice(end, end + own_count)
         end += own_count
-        part = Triangles(triangles.positions, triangles.corners[own], triangles.faces[own])
+        normals = None if triangles.normals is None else triangles.normals[own]
+        part = Triangles(triangles.positions, triangles.corners[own], triangles.faces[own], normals)
         parts.append(replace(whole, shown=replace(whole.shown, triangles=part)))
     return parts
 

@@ -35,7 +35,7 @@ from .depth.modifier_quality import needed_quality
 from .depth.pose_depths import Pose, PoseDepths, pose_depths, raised_depths
 from .depth.tolerance import FaceDepths
 from .depth.worst_pose import WorstPose, worst_pose
-from .deviation import Deviation, measure_deviation
+from .deviation import Deviation, SampledSurface, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .mesh.validation import InvalidMeshError, validate
 from .progress import Progress, no_report, part_of
@@ -66,6 +66,7 @@ __all__ = [
     "Progress",
     "Proof",
     "Reduction",
+    "SampledSurface",
     "ShortIndexArray",
     "SubdividedMesh",
     "SurfacePoints",

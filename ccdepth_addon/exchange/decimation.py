@@ -10,7 +10,6 @@ import numpy as np
 
 from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
 from .blender_arrays import TYPES, read_built_in, read_values, write_values
-from .custom_normals import CARRIED_NORMAL
 from .data_blocks import as_bmesh, meshes_with, own_copy, unused_name
 from .feature_lines import border_edges, changes_along_lines, line_edges, thin_lines
 
@@ -146,7 +145,7 @@ class Decimation:
 
 
 def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
-    """Write UV maps, colours and normals at the corners around the vertices of a mesh, from the triangles of another.
+    """Write UV maps and colours at the corners around the vertices of a mesh, from the triangles of another.
 
     Decimate interpolates values along merged edges, and moves vertices off these edges: textures would slide. Vertices
     on lines have not moved, and keep their values. A place beside a line may belong to the other side, and counts only
@@ -163,7 +162,7 @@ def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh
     around = vertices[corners]
     weights, which = places.weights[around], places.triangles[around]
     for attribute in mesh.attributes:
-        if not (changes_along_lines(attribute) or attribute.name.startswith(CARRIED_NORMAL)):
+        if not changes_along_lines(attribute):
             continue
         kind = TYPES[attribute.data_type]
         known = read_values(source.attributes[attribute.name].data, kind.value, kind.dtype, kind.width)

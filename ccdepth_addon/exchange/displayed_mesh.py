@@ -23,11 +23,12 @@ from .modifiers import NOT_SHAPING, SIMULATIONS, is_evaluated
 class Triangles:
     """Triangles of an object. positions: (V, 3) float64, of vertices with triangles. corners: (T, 3) intp, the vertices
     of each triangle. faces: (T,) intp, the origin of each triangle among the faces of the object's own mesh, or
-    ``NO_ORIGIN``."""
+    ``NO_ORIGIN``. normals: (T, 3, 3), the normals that corners are shaded with, if known."""
 
     positions: FloatArray
     corners: IndexArray
     faces: IndexArray
+    normals: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,16 @@ class ShownMesh:
         offset = self.location - origin
         columns = [x * row[0] + y * row[1] + z * row[2] + along for row, along in zip(self.linear, offset, strict=True)]
         return np.stack(columns, axis=1)
+
+    def normals(self) -> FloatArray | None:
+        """(T, 3, 3): unit normals at the corners of the triangles in the scene, if known."""
+        if self.triangles.normals is None:
+            return None
+        # Normals go by the cofactors, which turn them over where the matrix mirrors, as the triangles are turned over.
+        cofactors = np.cross(self.linear[[1, 2, 0]], self.linear[[2, 0, 1]])
+        normals = self.triangles.normals @ cofactors.T
+        lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
+        return np.divide(normals, lengths, out=normals, where=lengths > 0)
 
     def rounding_from(self, origin: FloatArray) -> float:
         """The largest rounding error of positions from ``positions_from``.
@@ -100,7 +111,8 @@ def _triangles(mesh: bpy.types.Mesh, face_origins: IndexArray) -> Triangles:
     nowhere = int(np.count_nonzero(~np.isfinite(positions[used]).all(axis=1)))
     if nowhere:
         raise InvalidMeshError(f"it shows {nowhere:,} {'vertex' if nowhere == 1 else 'vertices'} at no finite position")
-    return Triangles(positions[used], (np.cumsum(used) - 1)[vertices], face_origins[faces])
+    normals = read_values(mesh.corner_normals, "vector", np.float32, 3).astype(np.float64)[corners]
+    return Triangles(positions[used], (np.cumsum(used) - 1)[vertices], face_origins[faces], normals)
 
 
 # Edges of larger meshes are too many to be seen, and take long to draw.

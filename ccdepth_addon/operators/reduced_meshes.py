@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core import FloatArray, Proof, Reduction
 from ..exchange.blender_arrays import read_values
-from ..exchange.custom_normals import CarriedNormals
+from ..exchange.custom_normals import write_normals
 from ..exchange.data_blocks import meshes_with
 from ..exchange.decimation import Decimation
 from ..exchange.face_values import DEPTH, DEPTH_KIND, write_face_values
@@ -44,21 +44,22 @@ class Reducer:
                 if reduced is None:
                     name = answer.task.object_names[0]
                     self.notes.append(f"{name}: nothing could be reduced; this is the mesh without Reduce")
-                    (reduced,) = yield from self._unreduced(answer)
+                    (reduced,) = yield from self._unreduced(answer, exact_normals=self._exact_normals)
                 made.append(reduced)
         except BaseException:
             bpy.data.batch_remove(meshes_with(each.mesh_uid for each in made))
             raise
         return made
 
-    def _unreduced(self, answer: AdaptiveAnswer) -> Steps[list[NewMesh]]:
-        return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=self._exact_normals))
+    def _unreduced(self, answer: AdaptiveAnswer, *, exact_normals: bool) -> Steps[list[NewMesh]]:
+        return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=exact_normals))
 
     def _reduced(self, answer: AdaptiveAnswer) -> Steps[NewMesh | None]:
         """The reduced mesh of an answer; None without fewer triangles, or above the largest number of faces."""
         text = "Subdividing finer, to be reduced: {:,.0f} faces so far".format
         start = yield Work(partial(finer_answer, answer, self._settings), text)
-        (made,) = yield from self._unreduced(start)
+        # Normals are stored at the end, as merging interpolates them across creases.
+        (made,) = yield from self._unreduced(start, exact_normals=False)
         try:
             with naming(answer.task.object_names[0]):
                 [mesh] = meshes_with([made.mesh_uid])
@@ -80,20 +81,23 @@ class Reducer:
         """Reduce a mesh without shape keys; returns the proved distances of its triangles (T,), or None, with the mesh
         unchanged, without a proof."""
         task = answer.task
-        normals = CarriedNormals(mesh) if self._exact_normals else None
         decimation = Decimation(mesh, task.control.world, task.surface.tolerance)
         try:
             start = decimation.current()
-            search = yield Work(partial(reduction_of, answer, start), "Reducing".format)
+            search = yield Work(partial(reduction_of, answer, self._settings, start), "Reducing".format)
             yield from self._thin_lines(search, decimation)
             found = yield from self._search(search, decimation)
             if found is not None:
                 places = yield Work(partial(search.places, found.mesh), "Reducing".format)
                 decimation.write(mesh, places)
+                if self._exact_normals or self._settings.shading_angle:
+                    normals = yield Work(partial(search.normals, found.mesh), "Reducing".format)
+                    # Normals go into the scene by the cofactors, whose inverse is the transpose over the determinant.
+                    in_object = normals.reshape(-1, 3) @ task.control.world / np.linalg.det(task.control.world)
+                    in_object /= np.linalg.norm(in_object, axis=1, keepdims=True)
+                    write_normals(mesh, in_object, deformable=has_groups(mesh))
         finally:
             decimation.remove()
-        if normals is not None:
-            normals.put_back(mesh, deformable=has_groups(mesh))
         return None if found is None else found.bounds
 
     def _thin_lines(self, search: Reduction, decimation: Decimation) -> Steps[None]:

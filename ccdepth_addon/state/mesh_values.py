@@ -177,6 +177,7 @@ def _write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: Me
     record.deviation = float(rounded_up(answer.proved))
     # Rounded down: the distance is really there.
     record.deviation_reached = -float(rounded_up(-answer.reached))
+    record.deviation_facet_angle, record.deviation_shading_angle = answer.facet_angle, answer.shading_angle or 0.0
     found = record.measurement
     found.measured, found.against = answer.measured, answer.against
     _write_inputs(found, settings, answer.tolerance, len(answer.deviations))

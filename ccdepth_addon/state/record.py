@@ -111,4 +111,11 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
         subtype="DISTANCE",
     )
     deviation_reached: FloatProperty(description="A distance that was found", subtype="DISTANCE")
+    deviation_facet_angle: FloatProperty(
+        description="The largest angle found at samples between the shown triangles and the limit surface",
+        subtype="ANGLE",
+    )
+    deviation_shading_angle: FloatProperty(
+        description="The largest angle found at samples between the shading and the limit surface", subtype="ANGLE"
+    )
     measurement: PointerProperty(type=Measurement)

@@ -7,6 +7,7 @@ object. Nothing here writes to a mesh.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 from time import perf_counter
@@ -14,13 +15,26 @@ from time import perf_counter
 import bpy
 import numpy as np
 
-from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, Progress, measure_deviation, part_of, validate
+from ..core import (
+    Deviation,
+    FloatArray,
+    IndexArray,
+    InvalidMeshError,
+    Progress,
+    SampledSurface,
+    measure_deviation,
+    part_of,
+    validate,
+)
 from ..exchange.control_mesh import ControlMeshError, read_control_mesh
 from ..exchange.displayed_mesh import ShownMesh, read_shown_mesh
 from ..exchange.evaluated import NO_ORIGIN, is_placed
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
 from .surfaces import NOT_PLACED, ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
+
+# The share of the progress that angles take.
+SHARE_OF_ANGLES = 0.2
 
 # The relative rounding of a tolerance less its rounding.
 ROUNDED = 1e-15
@@ -78,7 +92,8 @@ class MeshDeviation:
     tolerance: as a length. deviations: (F,) float64, proved for each face of the mesh; 0 for a face without shown
     parts. proved: for the whole, with the surface itself and faces added by modifiers. reached: a distance really
     there. out_of_time: whether the time limit ended the measurement. worst_face: the face of the reached distance, or
-    ``NO_ORIGIN``. worst_point: (3,), in the scene.
+    ``NO_ORIGIN``. worst_point: (3,), in the scene. facet_angle, shading_angle: the largest angles found at samples
+    between triangles, and between their shading, and the limit surface, in radians; None without normals.
     """
 
     mesh_uid: int
@@ -92,6 +107,8 @@ class MeshDeviation:
     out_of_time: bool
     worst_face: int
     worst_point: FloatArray
+    facet_angle: float
+    shading_angle: float | None
 
     @property
     def measured(self) -> str:
@@ -205,20 +222,21 @@ def _measure_one(
     is_tolerance_enough: bool,
 ) -> MeshDeviation:
     shown, control = measured.shown, task.surface.control
-    rounding = shown.rounding_from(task.location)
+    rounding, positions = shown.rounding_from(task.location), shown.positions_from(task.location)
     # With the rounding the distance is still within the tolerance.
     limit = max(0.0, (1 - ROUNDED) * task.surface.tolerance - rounding)
     found = measure_deviation(
         control.in_world,
-        shown.positions_from(task.location),
+        positions,
         shown.triangles.corners,
         accuracy=settings.accuracy,
         time_limit=seconds,
         tolerance=task.surface.tolerance,
         enough=limit if is_tolerance_enough else 0.0,
         limit=limit,
-        progress=progress,
+        progress=part_of(progress, 0.0, 1 - SHARE_OF_ANGLES),
     )
+    facet_angle, shading_angle = _largest_angles(task, shown, positions, lambda: progress(1 - SHARE_OF_ANGLES))
     sources = [(shown.triangles.faces, found.triangle_bounds)]
     if task.own:
         faces = np.arange(measured.face_count) if control.base_faces is None else control.base_faces
@@ -235,7 +253,21 @@ def _measure_one(
         out_of_time=found.out_of_time,
         worst_face=_worst_face(task, measured, found),
         worst_point=found.worst_point + task.location,
+        facet_angle=facet_angle,
+        shading_angle=shading_angle,
     )
+
+
+def _largest_angles(
+    task: MeasureTask, shown: ShownMesh, positions: FloatArray, tick: Callable[[], None]
+) -> tuple[float, float | None]:
+    """The largest angles of facets and of shading at samples; None without normals."""
+    surface = SampledSurface(task.surface.control.in_world, task.surface.tolerance, tick)
+    corners, normals = shown.triangles.corners, shown.normals()
+    facets = float(surface.largest_angles(positions, corners, None, None, tick).max())
+    if normals is None:
+        return facets, None
+    return facets, float(surface.largest_angles(positions, corners, normals, None, tick).max())
 
 
 def _largest_of_faces(count: int, sources: list[tuple[IndexArray, FloatArray]], rounding: float) -> FloatArray:
@@ -265,4 +297,6 @@ def _joined(one: MeshDeviation, other: MeshDeviation) -> MeshDeviation:
         proved=max(one.proved, other.proved),
         accuracy_met=one.accuracy_met and other.accuracy_met,
         out_of_time=one.out_of_time or other.out_of_time,
+        facet_angle=max(one.facet_angle, other.facet_angle),
+        shading_angle=max(filter(None, (one.shading_angle, other.shading_angle)), default=one.shading_angle),
     )

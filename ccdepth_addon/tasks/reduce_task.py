@@ -23,6 +23,9 @@ from .adaptive_task import AdaptiveAnswer, AdaptiveSettings
 # The divisors of the tolerance for the mesh to reduce; the first that does not make too many faces counts.
 DIVISORS = (12.0, 6.0, 2.0)
 
+# With an angle: vertices that are fixed to keep it stay as close as they are in the mesh to reduce.
+DIVISORS_WITH_ANGLES = (2.0,)
+
 
 def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: Progress = no_report) -> AdaptiveAnswer:
     """The mesh to reduce: within a part of the tolerance, or if that makes too many faces, the answer itself.
@@ -32,7 +35,7 @@ def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: P
     task = answer.task
     control = task.control
     whole = task.request(replace(settings, mode="ADAPTIVE"), task.surface.tolerance, 0)
-    for divisor in DIVISORS:
+    for divisor in DIVISORS_WITH_ANGLES if settings.shading_angle or settings.facet_angle else DIVISORS:
         # Below the smallest step nothing can be proved.
         limit = max(whole.limit / divisor, min(whole.limit, smallest_step(control.in_world)))
         # Long triangles would turn over when they are merged.
@@ -58,7 +61,16 @@ def triangle_count(answer: AdaptiveAnswer) -> int:
     return len(mesh.corner_vertices) - 2 * len(mesh.base_faces)
 
 
-def reduction_of(answer: AdaptiveAnswer, start: TriangleMesh, progress: Progress) -> Reduction:
+def reduction_of(
+    answer: AdaptiveAnswer, settings: AdaptiveSettings, start: TriangleMesh, progress: Progress
+) -> Reduction:
     """The search for the fewest triangles within the tolerance of the answer. May run in a thread."""
     task = answer.task
-    return Reduction(task.control.in_world, start, task.surface.tolerance - task.allowance, progress)
+    return Reduction(
+        task.control.in_world,
+        start,
+        task.surface.tolerance - task.allowance,
+        progress,
+        shading_angle=settings.shading_angle,
+        facet_angle=settings.facet_angle,
+    )

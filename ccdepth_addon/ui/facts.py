@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import degrees
 from typing import NamedTuple
 
 import bpy
@@ -19,6 +20,7 @@ LARGEST_COUNT_IN_FULL = 10**10
 
 OWN_FACES = "How many faces the mesh itself has, before modifiers; a mesh of several objects counts once"
 CONTROL_FACES = "How many faces the control mesh has: the mesh with the included modifiers"
+AT_SAMPLES = "The largest angle found at dense samples, which proves nothing, from the limit surface:"
 ALLOWED = "The allowed distance from the limit surface, in the scene's unit"
 
 
@@ -150,7 +152,14 @@ def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> li
         Fact("At Most", most, "The proved largest distance, both ways"),
         Fact("At Least", least, reached),
         Fact("Tolerance", tolerance, ALLOWED),
+        Fact("Facets", angle_text(record.deviation_facet_angle), f"{AT_SAMPLES} of the triangles"),
+        Fact("Shading", angle_text(record.deviation_shading_angle), f"{AT_SAMPLES} of the shading"),
     ]
+
+
+def angle_text(angle: float) -> str:
+    """The text of an angle in radians that was found at samples."""
+    return f"{degrees(angle):.2f}° at samples"
 
 
 def deviation_text(most: str, least: str, tolerance: str, verdict: Verdict) -> str:

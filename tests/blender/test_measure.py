@@ -101,7 +101,7 @@ def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     holder, third = subdivided_cube(), 1.0 / 3.0
     tasks, write = addon.module("tasks.deviation_task"), addon.module("state.mesh_values").write_deviations
     faces = np.zeros(len(holder.data.polygons))
-    answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, faces, third, third, True, False, 0, np.zeros(3))
+    answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, faces, third, third, True, False, 0, np.zeros(3), 0.0, 0.0)
     write([holder], [answer], tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0))
     record = holder.data.ccdepth
     assert record.deviation_reached < third < record.deviation

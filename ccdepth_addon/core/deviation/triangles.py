@@ -97,6 +97,18 @@ def _partners(corners: IndexArray, vertex_count: int) -> IndexArray:
     return beyond.reshape(corners.shape)
 
 
+def barycentric(points: FloatArray, triangles: FloatArray) -> FloatArray:
+    """(P, 3): the weights of points (P, 3) of triangles (3, P, 3)."""
+    a, b, c = triangles
+    normals = np.cross(b - a, c - a)
+    squares = squared_norms(normals)
+    parts = [np.cross(c - b, points - b), np.cross(a - c, points - c), np.cross(b - a, points - a)]
+    weights = np.stack([(part * normals).sum(axis=1) for part in parts], axis=1)
+    even = np.full_like(weights, 1 / 3)
+    weights = np.divide(weights, squares[:, None], out=even, where=squares[:, None] > 0)
+    return np.clip(weights, 0.0, 1.0)
+
+
 def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The distances (N,) from places (3, N) to triangles with corners (3, 3, N), and the nearest points (3, N).
 

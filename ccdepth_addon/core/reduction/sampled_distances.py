@@ -10,10 +10,9 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import squared_norms
 from ..deviation.columns import NONE
 from ..deviation.surface_to_mesh import nearest_triangles
-from ..deviation.triangles import Triangles
+from ..deviation.triangles import Triangles, barycentric
 
 # The largest number of vertices of the finer mesh taken as samples.
 MOST_SAMPLES = 1 << 18
@@ -101,18 +100,6 @@ def vertex_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
     for corner in corners.T:
         np.add.at(normals, corner, np.cross(b - a, c - a))
     return normals
-
-
-def barycentric(points: FloatArray, triangles: FloatArray) -> FloatArray:
-    """(P, 3): the weights of points (P, 3) of triangles (3, P, 3)."""
-    a, b, c = triangles
-    normals = np.cross(b - a, c - a)
-    squares = squared_norms(normals)
-    parts = [np.cross(c - b, points - b), np.cross(a - c, points - c), np.cross(b - a, points - a)]
-    weights = np.stack([(part * normals).sum(axis=1) for part in parts], axis=1)
-    even = np.full_like(weights, 1 / 3)
-    weights = np.divide(weights, squares[:, None], out=even, where=squares[:, None] > 0)
-    return np.clip(weights, 0.0, 1.0)
 
 
 def nearest_of(mesh: Triangles, places: FloatArray, tick: Tick) -> IndexArray:

@@ -8,11 +8,12 @@ the vertices to leave alone. docs/adaptive.md, Reduce.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..deviation import Deviation, measure_deviation
+from ..deviation import Deviation, SampledSurface, measure_deviation
 from ..deviation.triangles import Triangles
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
@@ -39,6 +40,15 @@ NEARLY_BEYOND = 0.9
 
 # The relative accuracy of a measured deviation beyond the limit.
 ACCURACY_BEYOND = 0.05
+
+# A normal of the surface within this of a triangle's is of the triangle's side.
+SAME_SIDE = np.radians(10.0)
+
+# Of more turned triangles than this part fewer are to be merged.
+LARGE_TURNED = 0.05
+
+# The number of samples of the surface for angles.
+SURFACE_SAMPLES = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -73,13 +83,24 @@ class Reduction:
     replaces ``current``. Once ``attempt`` returns None, ``prove`` gives the result.
 
     control: the control mesh, with explicit sharpness. start: a fine mesh, within a small part of the limit from the
-    limit surface. limit: the largest distance allowed, in the unit of the positions.
+    limit surface. limit: the largest distance allowed, in the unit of the positions. shading_angle, facet_angle: the
+    largest angles allowed at samples (radians), 0 for any.
     """
 
-    def __init__(self, control: PolygonMesh, start: TriangleMesh, limit: float, progress: Progress) -> None:
+    def __init__(
+        self,
+        control: PolygonMesh,
+        start: TriangleMesh,
+        limit: float,
+        progress: Progress,
+        *,
+        shading_angle: float = 0.0,
+        facet_angle: float = 0.0,
+    ) -> None:
         self.current = start
         self.proof: Proof | None = None
         self._control, self._limit = control, limit
+        self._shading_angle, self._facet_angle = shading_angle, facet_angle
         self._is_fixed = np.zeros(len(start.positions), dtype=bool)
         self._share, self._refusals = LARGEST_SHARE, 0
         self._samples = SampledDistances(start.positions, start.corners, lambda: progress(0.0))
@@ -127,6 +148,10 @@ class Reduction:
         if reached > self._limit:
             self._reject(triangles, distances > self._limit, progress)
             return False
+        turned = self._turned(mesh, progress)
+        if turned.any():
+            self._reject(triangles, turned, progress, is_local=turned.mean() <= LARGE_TURNED)
+            return False
         if reached > SURELY_WITHIN * self._limit:
             found = self._measured(mesh, progress)
             if found.proved > self._limit:
@@ -147,6 +172,25 @@ class Reduction:
     def places(self, mesh: TriangleMesh, progress: Progress) -> Places:
         """The places of the vertices of a mesh on the start."""
         return self._samples.places_of(mesh.positions, mesh.corners, lambda: progress(1.0))
+
+    def normals(self, mesh: TriangleMesh, progress: Progress) -> FloatArray:
+        """(T, 3, 3) float64: the normals of the limit surface for the corners of a mesh's triangles."""
+        return self._surface.normals_of(mesh.positions, mesh.corners, SAME_SIDE, lambda: progress(1.0))
+
+    @cached_property
+    def _surface(self) -> SampledSurface:
+        return SampledSurface(self._control, self._limit, lambda: None, SURFACE_SAMPLES)
+
+    def _turned(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
+        """(T,) bool: the triangles with samples beyond an angle, except for those that cannot be merged."""
+        turned = np.zeros(len(mesh.corners), dtype=bool)
+        for angle, is_shading in ((self._shading_angle, True), (self._facet_angle, False)):
+            if angle:
+                normals = self.normals(mesh, progress) if is_shading else None
+                drawn = mesh.positions, mesh.corners, normals
+                turned |= self._surface.largest_angles(*drawn, angle, lambda: progress(0.0)) > angle
+        is_fixed = is_among(mesh.positions, self.current.positions[self._is_fixed])
+        return turned & ~is_fixed[mesh.corners].all(axis=1)
 
     def _triangles(self, mesh: TriangleMesh, progress: Progress) -> Triangles:
         return Triangles.of(mesh.positions, mesh.corners, lambda: progress(0.0))
@@ -178,8 +222,9 @@ class Reduction:
         # Errors grow about as triangles become fewer.
         self._share = float(np.clip(1 - reached / self._limit, LEAST_SHARE, LARGEST_SHARE))
 
-    def _reject(self, triangles: Triangles, bad: BoolArray, progress: Progress) -> None:
-        if self._share > LARGE_SHARE:
+    def _reject(self, triangles: Triangles, bad: BoolArray, progress: Progress, *, is_local: bool = False) -> None:
+        """Fix the vertices around bad triangles, or merge fewer. is_local: whether fixing helps after all attempts."""
+        if self._share > LARGE_SHARE and not is_local:
             self._share *= NEXT_SHARE
             return
         near = self._around(triangles, bad, progress)
