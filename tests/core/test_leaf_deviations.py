@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.arrays.vectors import lengths
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.deviation import leaf_deviations
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
+from ccdepth_addon.core.deviation.leaf_maps import Charts
 from ccdepth_addon.core.surface.bicubic import NET_TO_BERNSTEIN
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.triangle_coefficients import bicubic_basis
@@ -121,13 +123,16 @@ def test_a_map_bounds_both_ways_between_a_leaf_and_its_own_triangles(name: str, 
     surface = fine.limits_at_corners.reshape(count, -1, 4, 3)
     for vertices in Vertices:
         some = DrawnLeaves.of(refinement, rng.random(count) < 0.5, vertices, None)
-        chosen = rng.permutation(np.flatnonzero(~some.is_folded))[:40]
-        found = np.array([own_distances(some.points[i], surface[i], some.is_turned[i]) for i in chosen])
+        # What leaves are mapped along both diagonals does not depend on the reason.
+        some = replace(some, is_folded=some.is_folded | (rng.random(count) < 0.3))
+        own, folded = (rng.permutation(np.flatnonzero(each))[:20] for each in (~some.is_folded, some.is_folded))
+        chosen = np.concatenate([own, folded, folded])
+        is_turned = some.is_turned[chosen] ^ (np.arange(len(chosen)) >= len(own) + len(folded))
+        found = np.array([own_distances(some.points[i], surface[i], t) for i, t in zip(chosen, is_turned, strict=True)])
         sizes = np.ptp(surface[chosen].reshape(len(chosen), -1, 3), axis=1).max(axis=1)
-        for factor in (0.8, 1.1, 2.0):
+        for factor in (0.8, 1.02, 1.1, 2.0, 4.0):
             limit = factor * float(np.median(found.max(axis=1))) + 1e-9
             bounds = some.mapped(limit, 0.0)
-            assert np.all(np.isinf(bounds[some.is_folded]))
             assert np.all((bounds <= limit) | np.isinf(bounds))
             assert np.all(found[:, 0] <= bounds[chosen] + 1e-12)
             assert np.all(found[:, 1] <= bounds[chosen] + FINE * sizes)
@@ -142,8 +147,8 @@ UNEVEN = [
 ]
 
 
-def test_a_map_bounds_what_is_mapped_beside_the_triangles() -> None:
-    """Beyond undivided cells the middles of sides are mapped to the middles of images, off the triangles."""
+def test_a_map_bounds_what_is_mapped_across_the_diagonal() -> None:
+    """Beyond undivided cells the middles of sides are mapped to the middles of places, on either triangle."""
     coefficients = np.array(UNEVEN).reshape(16, 3)
     mesh = meshes.to_polygon_mesh(meshes.grid(3, 3)).changed(positions=np.linalg.solve(NET_TO_BERNSTEIN, coefficients))
     some = DrawnLeaves.of(Refinement.start(mesh, np.array([4])), np.zeros(1, dtype=bool), Vertices.LIMIT, None)
@@ -154,11 +159,41 @@ def test_a_map_bounds_what_is_mapped_beside_the_triangles() -> None:
     assert min(bounds) >= far
 
 
-def test_only_convex_leaves_drawn_along_a_known_diagonal_have_maps() -> None:
-    folded, concave = (leaves(is_folded=each) for each in (True, False))
-    concave.points[MIDDLE, 0] += 0.6 * (concave.points[MIDDLE, 2] - concave.points[MIDDLE, 0])
-    for some in (folded, concave):
-        assert np.array_equal(np.isinf(some.mapped(1.0, 0.0)), np.arange(9) == MIDDLE)
+def test_leaves_that_may_be_folded_and_concave_ones_have_maps() -> None:
+    """Along both diagonals where either may be drawn: the worse one counts."""
+    plain, folded, concave = leaves(is_folded=False), leaves(is_folded=True), leaves(is_folded=False)
+    limit = (FIRST_DIAGONAL + SECOND_DIAGONAL) / 2
+    assert plain.mapped(limit, 0.0)[MIDDLE] < limit
+    assert folded.mapped(limit, 0.0)[MIDDLE] == np.inf
+    assert SECOND_DIAGONAL * (1 - SMALL) < folded.mapped(2 * SECOND_DIAGONAL, 0.0)[MIDDLE] < np.inf
+    moved = 0.6 * (concave.points[MIDDLE, 2] - concave.points[MIDDLE, 0])
+    concave.points[MIDDLE, 0] += moved
+    assert lengths(moved) <= concave.mapped(1.0, 0.0)[MIDDLE] < np.inf
+
+
+@pytest.mark.parametrize("height", [1.0, 1e-3, 1e-5, 1e-7, 0.0])
+def test_charts_are_convex_and_linear_over_both_triangles(height: float) -> None:
+    """Also of needles, and of leaves that are concave, folded, or without area."""
+    rng = np.random.default_rng(1)
+    quads = rng.normal(size=(2000, 4, 3)) * [1.0, height, 1.0] + 3.0
+    quads[::5] = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * [1.0, height, 1.0] + 0.1 * height * rng.normal(
+        size=(400, 4, 3)
+    )
+    charts = Charts.over(quads, np.zeros(2000, dtype=bool))
+    sides = np.roll(charts.places, -1, axis=1) - charts.places
+    turns = np.cross(sides, np.roll(sides, -1, axis=1))
+    assert np.all(turns > 0)
+    every = np.arange(2000)
+    weights = rng.dirichlet([1, 1, 1], size=2000)
+    for some in ([0, 1, 2], [0, 2, 3]):
+        of_chart = np.einsum("ni,nij->nj", weights, charts.places[:, some])
+        wanted = np.einsum("ni,nij->nj", weights, quads[:, some])
+        # Rounding: some dozen units of the largest coordinate.
+        np.testing.assert_allclose(charts.points(of_chart[:, None], every)[:, 0], wanted, rtol=0, atol=1e-14)
+        back = charts.points(charts.nearest(wanted, every)[:, None], every)[:, 0]
+        if height >= 1e-3:
+            # Normal equations of needles lose twice their digits.
+            np.testing.assert_allclose(back, wanted, rtol=0, atol=1e-7)
 
 
 def test_a_map_proves_nearly_what_is_so() -> None:

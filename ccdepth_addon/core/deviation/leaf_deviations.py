@@ -94,7 +94,12 @@ class DrawnLeaves:
         if np.any(self.refinement.mesh.face_sizes != 4):
             return np.full(len(self.points), np.inf)
         pieces = BezierPieces(self.refinement, np.arange(len(self.points)), lambda: None)
-        return mapped_bounds(pieces, self.points, self.is_turned, ~self.is_folded, limit - rounded) + rounded
+        found = mapped_bounds(pieces, self.points, self.is_turned, limit - rounded)
+        if self.is_folded.any():
+            # Either diagonal may be drawn.
+            others = mapped_bounds(pieces, self.points, ~self.is_turned, limit - rounded)
+            found[self.is_folded] = np.maximum(found, others)[self.is_folded]
+        return found + rounded
 
     def deviations(
         self, on_surface: BoolArray, drawn: BoolArray, groups: IndexArray, limit: float, rounded: float
