@@ -3,6 +3,7 @@
 
 import os
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from itertools import cycle, product
 
@@ -110,7 +111,7 @@ def test_levels_are_as_near_as_proved(name: str, vertices: Vertices, seed: int, 
 
 def test_the_surface_beside_measured_leaves_has_to_be_near(monkeypatch: pytest.MonkeyPatch) -> None:
     """Feet of leaves that touch a measured one do not cover it. Here nothing else is far from anything. What a depth
-    proves where no feet can serve is not measured again, but what is beside it is."""
+    proves by leaves is not measured again, but what is beside it is."""
     mesh, _ = case("bevelled prism", 1)
     there, back, _ = sampled(mesh, 2, Vertices.LIMIT)
     tolerance = 1.1 * max(there.max(), back.max())
@@ -127,11 +128,12 @@ def test_the_surface_beside_measured_leaves_has_to_be_near(monkeypatch: pytest.M
     assert 0 < np.count_nonzero(bounds == np.inf) < mesh.face_count
     found = face_depths(mesh, tolerance, "DISTANCE", "LIMIT")
     assert found.depths.max() == 2
+    assert np.any(found.alone & (found.depths == 2))
     counts = []
     for depth in (1, 2):
         drawn_leaves.clear()
-        depths = np.full_like(found.depths, depth)
-        assert uniform_level(mesh, tolerance, "DISTANCE", "LIMIT", depths, 2, lasting=found.lasting) > 2
+        at_depth = replace(found, depths=np.full_like(found.depths, depth))
+        assert uniform_level(mesh, tolerance, "DISTANCE", "LIMIT", at_depth, 2) > 2
         counts.append(drawn_leaves[0])
     assert counts[1] < counts[0]
 
@@ -156,7 +158,7 @@ def test_all_faces_are_within_the_tolerance_at_the_uniform_level(name: str, vert
     for tolerance in (0.02 * diagonal, 0.005 * diagonal):
         found = face_depths(mesh, tolerance, "DISTANCE", vertices)
         assert np.all((found.depths >= 0) & (found.bounds <= tolerance))
-        level = uniform_level(mesh, tolerance, "DISTANCE", vertices, found.depths, 1, lasting=found.lasting)
+        level = uniform_level(mesh, tolerance, "DISTANCE", vertices, found, 1)
         assert level >= found.depths.max()
         if level <= 3:
             there, back, step = sampled(mesh, level, vertices)
@@ -227,7 +229,7 @@ def test_a_mesh_of_many_faces_needs_no_deeper_level_than_a_part_of_it() -> None:
     assert len(whole.depths) > 3 * distance_depth.MOST_WITH_BOUNDS
     assert part.depths.max() == whole.depths.max() == 2
     assert np.all(whole.bounds <= 0.01)
-    assert uniform_level(terraces(42), 0.01, "DISTANCE", "LIMIT", whole.depths, lasting=whole.lasting) == 2
+    assert uniform_level(terraces(42), 0.01, "DISTANCE", "LIMIT", whole) == 2
     assert pose_depths([Pose(partial(terraces, 42), 0.01)] * 2, "DISTANCE", "LIMIT").depths.max() == 2
 
 

@@ -82,13 +82,13 @@ def test_the_deepest_depth_is_not_enough_for_all_faces() -> None:
 @both_vertices
 def test_progress_rises_over_several_levels(method: str, vertices: str) -> None:
     for mesh in (build(meshes.torus_with_a_late_face()), build(meshes.AWKWARD["soup"](), smooth_corners=False)):
-        depths = face_depths(mesh, EPSILON, method, vertices).depths
+        found = face_depths(mesh, EPSILON, method, vertices)
         fractions: list[float] = []
-        uniform_level(mesh, EPSILON, method, vertices, depths, progress=fractions.append)
+        uniform_level(mesh, EPSILON, method, vertices, found, progress=fractions.append)
         assert fractions == sorted(fractions)
         assert 0 <= fractions[0] <= fractions[-1] < 1
-        least = int(depths.max()) + 2
-        assert uniform_level(mesh, EPSILON, method, vertices, depths, least) == least
+        least = int(found.depths.max()) + 2
+        assert uniform_level(mesh, EPSILON, method, vertices, found, least) == least
 
 
 def test_limit_vertices_take_a_level_at_least() -> None:

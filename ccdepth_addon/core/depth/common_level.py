@@ -24,8 +24,7 @@ def common_level(meshes: Sequence[tuple[Sequence[Pose], str, str, PoseDepths]], 
         # One part is left over, for meshes that do not agree.
         share = (1 - begun) / (len(poses) - agreed + 1)
         part = part_of(progress, begun, share)
-        depths, lasting = found.depths, found.lasting
-        needed = uniform_level(pose.make(), pose.tolerance, method, vertices, depths, level, part, lasting=lasting)
+        needed = uniform_level(pose.make(), pose.tolerance, method, vertices, found, level, part)
         begun += share
         agreed = agreed + 1 if needed == level else 1
         level = needed

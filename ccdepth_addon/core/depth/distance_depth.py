@@ -25,12 +25,15 @@ from ..distance.face_feet import FaceFeet
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from .disproved_levels import DisprovedLevels
-from .level_leaves import DEEPEST_REGULAR, LevelLeaves, rings_around
+from .level_leaves import DEEPEST_REGULAR, RINGS, LevelLeaves, mask, rings_around
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 # The number of leaves expected in a group of faces, with the leaves around them; and the number beyond which a group is
 # examined in parts.
 LEAVES_AT_ONCE, MOST_LEAVES = 1 << 15, 1 << 16
+
+# Feet that depths are proved with are nearer than the limit by this part.
+FEET_MARGIN = 2.0**-30
 
 # The number of leaves measured together.
 MEASURED_AT_ONCE = 1 << 12
@@ -74,12 +77,12 @@ def distance_depths(
     left = np.arange(len(faces))
     level = 0
     while len(left):
-        bounds, lasting, is_passed = some.at(level, left)
+        bounds, lasting, alone, is_passed = some.at(level, left)
         passed[left[is_passed]] = np.minimum(passed[left[is_passed]], level)
         is_settled = np.isfinite(bounds)
         settled = left[is_settled]
         whole.depths[settled], whole.bounds[settled] = level, bounds[is_settled]
-        whole.lasting[settled] = lasting[is_settled]
+        whole.lasting[settled], whole.alone[settled] = lasting[is_settled], alone[is_settled]
         yield found(settled[passed[settled] == NO_LEVEL], level)
         left = left[~is_settled]
         level += 1
@@ -104,11 +107,11 @@ def distance_bounds_at(
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     for level in np.unique(levels[faces]).tolist():
         places = np.flatnonzero(levels[faces] == level)
-        bounds, lasting, is_passed = some.at(level, places)
+        bounds, lasting, alone, is_passed = some.at(level, places)
         passed = np.flatnonzero(is_passed)
         if len(passed) <= MOST_DEEPEST:
-            bounds[passed] = some.by_leaves_within(level, places[passed])
-        yield LevelBounds(faces[places], bounds + test.allowance, lasting)
+            bounds[passed], alone[passed] = some.by_leaves_within(level, places[passed]), True
+        yield LevelBounds(faces[places], bounds + test.allowance, lasting, alone)
 
 
 def distance_level_bounds(
@@ -168,12 +171,12 @@ class _SomeFaces:
         """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
         return self.vertices if level else Vertices.CONTROL
 
-    def at(self, level: int, places: IndexArray) -> tuple[FloatArray, BoolArray, BoolArray]:
+    def at(self, level: int, places: IndexArray) -> tuple[FloatArray, BoolArray, BoolArray, BoolArray]:
         """(m,) each, for the faces at some places (m,): bounds at a level, infinite without a proof within the limit;
-        whether the bounds last; and whether the level was passed over: leaves that are likely within the limit were not
-        examined."""
+        whether the bounds last; whether they are by leaves; and whether the level was passed over: leaves that are
+        likely within the limit were not examined."""
         bounds = np.full(len(self.faces), np.inf)
-        lasting, is_open, is_passed = np.zeros((3, len(self.faces)), dtype=bool)
+        lasting, is_open, alone, is_passed = np.zeros((4, len(self.faces)), dtype=bool)
         for found in self.feet.bounds(places, level, self.shown(level), self.limit, self.tick):
             bounds[found.faces], lasting[found.faces], is_open[found.faces] = found.bounds, found.lasting, found.is_open
         is_open &= (self.mesh.face_sizes[self.faces] == 4) | (level > 0)
@@ -183,9 +186,9 @@ class _SomeFaces:
             is_passed[has_bound] = self.feet.likely(np.flatnonzero(has_bound), level, self.shown(level)) <= self.limit
             is_open[has_bound] = False
         left = places[is_open[places]]
-        bounds[left] = self.by_leaves_within(level, left)
+        bounds[left], alone[left] = self.by_leaves_within(level, left), True
         bounds[bounds > self.limit] = np.inf
-        return bounds[places], lasting[places], is_passed[places]
+        return bounds[places], lasting[places], alone[places], is_passed[places]
 
     def by_leaves_within(self, level: int, places: IndexArray) -> FloatArray:
         """(m,): bounds of the faces at some places (m,), by their leaves at a level; infinite beyond the limit."""
@@ -207,19 +210,22 @@ class _SomeFaces:
                     break
                 found.append(block.bounds)
             else:
-                whole.depths[deep], whole.bounds[deep], whole.lasting[deep] = level, np.concatenate(found), False
+                whole.depths[deep], whole.bounds[deep] = level, np.concatenate(found)
+                whole.lasting[deep], whole.alone[deep] = False, True
                 return
 
     def by_leaves(
         self, faces: IndexArray, level: int, *, are_joined: bool, is_proved: BoolArray | None = None
     ) -> Iterator[LevelBounds]:
         """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks. are_joined:
-        whether bounds hold both ways with any neighbours. is_proved: (F,) bool, whether each face has this level as its
-        depth."""
+        whether bounds hold both ways with any neighbours. is_proved: (F,) bool, whether each face has been proved at
+        this level by its leaves."""
+        # Leaves with feet for a depth have feet as well where bounds are joined, whatever the rounding.
+        limit = self.limit * (1 if are_joined else 1 - FEET_MARGIN)
         at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, MOST_DIVIDED))
 
         def bound(some: IndexArray) -> LevelBounds:
-            leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), self.limit, MOST_LEAVES)
+            leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), limit, MOST_LEAVES)
             if leaves is None:
                 parts = [bound(part) for part in np.array_split(some, min(len(some), 4))]
                 return LevelBounds(some, np.concatenate([part.bounds for part in parts]))
@@ -233,32 +239,40 @@ def _distances(
     found: LevelLeaves, limit: float, rounded: float, is_proved: BoolArray, *, are_joined: bool
 ) -> FloatArray:
     """(B,): the largest bound of each face's leaves, both ways: at equal parameters, or if that is beyond the limit by
-    a map, or else the deviation. is_proved: (B,) bool, whether each face has the level as its depth, so that the limit
-    is a bound of its leaves, if no feet can have served. are_joined: whether the surface over neighbouring leaves
-    counts as well, as feet may not cover it there. rounded: the rounding allowance of a deviation."""
+    a map, or else the deviation. is_proved: (B,) bool, whether the limit is a bound of each leaf of a face without feet
+    already. are_joined: whether the surface over neighbouring leaves counts as well, as feet may not cover it there.
+    rounded: the rounding allowance of a deviation."""
     leaves, mesh = found.leaves, found.leaves.refinement.mesh
     off = np.zeros(len(found.bases))
-    off[found.is_own] = leaves.keep(found.is_own).at_equal_parameters(rounded)
+    own_leaves, places = leaves.keep(found.is_own), np.flatnonzero(found.is_own)
+    off[found.is_own] = own_leaves.at_equal_parameters(rounded)
     is_open = off > limit
     if is_open.any():
         beside = rings_around(mesh, is_open, 1) & ~found.is_own & are_joined
         off[beside] = leaves.keep(beside).at_equal_parameters(rounded)
         beside &= off > limit
         off[is_open] = limit
-        own = is_open & (found.is_regular | ~np.append(is_proved, False)[found.bases])
-        is_left = own | beside
-        for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):
-            chosen = np.zeros(len(off), dtype=bool)
-            chosen[some] = True
-            bounds = leaves.keep(chosen).mapped(limit, rounded)
-            is_mapped = bounds <= limit
-            off[some[is_mapped]], is_left[some] = bounds[is_mapped], ~is_mapped
+        own = is_open & ~np.append(is_proved, False)[found.bases]
         # A face with one leaf beyond the limit is beyond it; each leaf around the faces counts by itself.
         groups = np.where(found.is_own, found.bases, len(found.bounds) + np.arange(len(off)))
+        beyond = own_leaves.surface_beyond(np.flatnonzero(own[places]), leaves, limit)
+        is_lost = own & np.isin(groups, groups[places[beyond]])
+        is_left = (own | beside) & ~is_lost
         for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):
-            measured = np.zeros(len(off), dtype=bool)
-            measured[some] = True
-            around = rings_around(mesh, measured, 1)
+            bounds = leaves.keep(mask(len(off), some)).mapped(limit, rounded)
+            is_mapped = bounds <= limit
+            off[some[is_mapped]], is_left[some] = bounds[is_mapped], ~is_mapped
+        for some in index_chunks(np.flatnonzero(is_left & own), MEASURED_AT_ONCE):
+            around = np.flatnonzero(rings_around(mesh, mask(len(off), some), 1))
+            chosen = np.flatnonzero(np.isin(around, some))
+            beyond = leaves.keep(mask(len(off), around)).drawn_beyond(chosen, limit)
+            is_lost |= own & np.isin(groups, groups[around[beyond]])
+        is_left &= ~is_lost
+        off[is_lost] = np.inf
+        for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):
+            measured = mask(len(off), some)
+            # Leaves measured together are around one another, and so are those that nothing more is asked of.
+            around = rings_around(mesh, measured, 1) | (rings_around(mesh, measured, RINGS) & is_lost)
             own_groups = np.unique(groups[around], return_inverse=True)[1]
             deviations = leaves.keep(around).deviations(
                 measured[around], (own & measured)[around], own_groups, limit, rounded

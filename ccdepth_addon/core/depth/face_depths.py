@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ from .level_leaves import rings_around
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
+
+if TYPE_CHECKING:
+    from .pose_depths import PoseDepths
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
@@ -94,11 +98,9 @@ def uniform_level(
     tolerance: float,
     method: str,
     vertices: str,
-    depths: NDArray[np.int32] | None = None,
+    found: FaceDepths | PoseDepths | None = None,
     least: int = 0,
     progress: Progress = no_report,
-    *,
-    lasting: BoolArray | None = None,
 ) -> int:
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance.
 
@@ -106,15 +108,12 @@ def uniform_level(
     enough. With limit vertices, corners that Blender shows slightly off the surface keep a margin
     (``modifier_quality``), and level 1 is the first: a modifier at level 0 moves no vertex.
 
-    mesh, tolerance, method, vertices, progress, and errors: as in ``face_depths``. depths, lasting: (F,) each, from
-    ``face_depths`` with the same arguments, if known: a depth is proved at its own level, a lasting depth at all later
-    levels; other faces are evaluated. least: the first level to try.
+    mesh, tolerance, method, vertices, progress, and errors: as in ``face_depths``. found: the depths by the same
+    arguments, if known: a depth is proved at its own level, a lasting depth at all later levels; other faces are
+    evaluated. least: the first level to try.
     """
-    if depths is None:
-        found = face_depths(mesh, tolerance, method, vertices)
-        depths, lasting = found.depths, found.lasting
-    if lasting is None:
-        lasting = np.zeros(mesh.face_count, dtype=bool)
+    found = face_depths(mesh, tolerance, method, vertices) if found is None else found
+    depths, lasting = found.depths, found.lasting
     with_margin, margin = np.zeros(mesh.face_count, dtype=bool), 0.0
     if Vertices(vertices) is Vertices.LIMIT:
         unmet = unmet_corners(mesh)
@@ -131,7 +130,7 @@ def uniform_level(
         is_proved = depths == level
         # A depth by distance assumes that the faces around are within the tolerance as well.
         is_open = np.full(len(depths), True) if Method(method) is Method.DISTANCE else ~is_proved
-        parts = [(np.flatnonzero(is_open & ~lasting & ~with_margin), tolerance, is_proved)]
+        parts = [(np.flatnonzero(is_open & ~lasting & ~with_margin), tolerance, is_proved & found.alone)]
         if np.any(with_margin):
             parts.append((np.flatnonzero(with_margin), tolerance - margin, np.zeros_like(is_proved)))
         share = part_of(progress, begun, (1 - begun) / 2)
@@ -175,8 +174,8 @@ def level_bounds_in_chunks(
     is_proved: BoolArray | None = None,
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop.
-    is_proved: (F,) bool, whether each face has this level as its depth by the same test. By distance leaves of these
-    faces are not measured again if no feet can have served, and the tolerance is a bound of them.
+    is_proved: (F,) bool, whether each face has this level as its depth by the same test, and is ``alone``. By distance
+    leaves of these faces without feet are not measured again, and the tolerance is a bound of them.
     """
     if method is Method.DISTANCE:
         return distance_level_bounds(mesh, test, vertices, faces, level, tick, is_proved)

@@ -28,13 +28,12 @@ DEEPEST_REGULAR, REGULAR_TRIES = 5, 2
 @dataclass(frozen=True)
 class LevelLeaves:
     """Leaves of B faces at a level, with the leaves around them. bases: (K,) intp, the face of each, B for a leaf
-    around. is_own: (K,) bool, leaves of the faces without a bound of a larger part; is_regular: (K,) bool, of these the
-    regular ones. bounds: (B,), of the larger parts."""
+    around. is_own: (K,) bool, leaves of the faces without a bound of a larger part. bounds: (B,), of the larger
+    parts."""
 
     leaves: DrawnLeaves
     bases: IndexArray
     is_own: BoolArray
-    is_regular: BoolArray
     bounds: FloatArray
 
     @staticmethod
@@ -44,7 +43,7 @@ class LevelLeaves:
         """The leaves of some faces of a mesh; None if several faces have more leaves than ``most``, with those around.
         limit: the largest useful distance. At level 0 faces have to be quads."""
         count = len(faces)
-        around = rings_around(mesh, _mask(mesh.face_count, faces), RINGS)
+        around = rings_around(mesh, mask(mesh.face_count, faces), RINGS)
         around[faces] = False
         if level == 0:
             around &= mesh.face_sizes == 4
@@ -56,7 +55,10 @@ class LevelLeaves:
         for own_level in range(level + 1):
             is_regular = _are_regular(refinement, is_own)
             feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, is_turned, lambda: None)
-            for found in feet.bounds(np.flatnonzero(is_regular), level - own_level, vertices, limit, lambda: None):
+            left = level - own_level
+            for found in feet.bounds(
+                np.flatnonzero(is_regular), left, vertices, limit, lambda: None, are_divided=left == 0
+            ):
                 covered = found.faces[found.are_short]
                 np.maximum.at(bounds, bases[covered], found.bounds[found.are_short])
                 is_own[covered] = is_regular[covered] = False
@@ -68,7 +70,7 @@ class LevelLeaves:
             reach = rings_around(refinement.mesh, is_own, RINGS)
             refinement = refinement.keep(reach)
             bases, regular_since = bases[reach], regular_since[reach]
-            is_own, is_turned, is_regular = is_own[reach], is_turned[reach], is_regular[reach]
+            is_own, is_turned = is_own[reach], is_turned[reach]
             if len(bases) > most and count > 1:
                 return None
             if own_level == level or not len(bases):
@@ -79,13 +81,14 @@ class LevelLeaves:
             is_own = np.repeat(is_own, sizes)
             refinement = refinement.refined()
         leaves = DrawnLeaves.of(refinement, is_turned, vertices, mesh.axes)
-        return LevelLeaves(leaves, bases, is_own, is_regular & is_own, bounds)
+        return LevelLeaves(leaves, bases, is_own, bounds)
 
 
-def _mask(count: int, chosen: IndexArray) -> BoolArray:
-    mask = np.zeros(count, dtype=bool)
-    mask[chosen] = True
-    return mask
+def mask(count: int, chosen: IndexArray | BoolArray) -> BoolArray:
+    """(count,) bool: the chosen ones."""
+    found = np.zeros(count, dtype=bool)
+    found[chosen] = True
+    return found
 
 
 def rings_around(mesh: PolygonMesh, wanted: BoolArray, rings: int) -> BoolArray:
@@ -99,7 +102,7 @@ def _touching(mesh: PolygonMesh, wanted: BoolArray) -> BoolArray:
     """(n,) bool: the wanted faces (n,) among the first n, and all that share a vertex with a wanted face."""
     last = mesh.face_starts[len(wanted)]
     vertices, faces = mesh.corner_vertices[:last], mesh.corner_faces[:last]
-    touched = _mask(mesh.vertex_count, vertices[wanted[faces]])
+    touched = mask(mesh.vertex_count, vertices[wanted[faces]])
     return np.logical_or.reduceat(touched[vertices], mesh.face_starts[: len(wanted)]) if len(wanted) else wanted
 
 

@@ -47,18 +47,19 @@ class PoseDepths:
 
     depths: int32. bounds: float64, the largest distance proved at that depth, over all poses. exact: bool, whether
     every lesser depth is disproved in the first pose. lasting: bool, whether the face is also proved to be within the
-    tolerance in all poses at every later level.
+    tolerance in all poses at every later level. alone: bool, as of ``FaceDepths``, in all poses.
     """
 
     depths: NDArray[np.int32]
     bounds: FloatArray
     exact: BoolArray
     lasting: BoolArray
+    alone: BoolArray
 
     def deepen(self, faces: IndexArray, depths: NDArray[np.int32]) -> None:
         """Give some faces greater depths, still without proof."""
         self.depths[faces], self.bounds[faces] = depths, 0.0
-        self.exact[faces], self.lasting[faces] = False, True
+        self.exact[faces], self.lasting[faces], self.alone[faces] = False, True, True
 
 
 def pose_depths(poses: Sequence[Pose], method: str, vertices: str, progress: Progress = no_report) -> PoseDepths:
@@ -70,7 +71,7 @@ def pose_depths(poses: Sequence[Pose], method: str, vertices: str, progress: Pro
     share = FIRST_POSE / (FIRST_POSE + len(poses) - 1)
     mesh, tolerance = poses[0].make(), poses[0].tolerance
     first = face_depths(mesh, tolerance, method, vertices, part_of(progress, 0.0, share), is_checked=True)
-    found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting)
+    found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting, first.alone)
     every = np.ones(mesh.face_count, dtype=bool)
     _prove(poses, method, vertices, found, every, part_of(progress, share, 1 - share), first=1)
     return found
@@ -130,6 +131,7 @@ def _raised(
         proved = block.faces[holds]
         found.bounds[proved] = np.maximum(found.bounds[proved], block.bounds[holds])
         found.lasting[block.faces] &= block.lasting
+        found.alone[block.faces] &= block.alone
         parts.append(block.faces[~holds])
     failing = np.concatenate(parts)
     found.deepen(failing, found.depths[failing] + 1)

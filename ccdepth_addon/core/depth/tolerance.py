@@ -33,7 +33,8 @@ class FaceDepths:
 
     faces: intp. depths: int32, -1 while undecided. bounds: float64, the proved distance at that depth. distances:
     float64, a distance reached there (0 for methods that compute none). exact: bool, whether every lesser depth is
-    disproved. lasting: bool, whether the face is proved to be within the tolerance at every later level, too.
+    disproved. lasting: bool, whether the face is proved to be within the tolerance at every later level, too. alone:
+    bool, whether each of its leaves at that depth that has no feet is proved both ways, whatever is beside it.
     """
 
     faces: IndexArray
@@ -42,6 +43,7 @@ class FaceDepths:
     distances: FloatArray
     exact: BoolArray
     lasting: BoolArray
+    alone: BoolArray
 
     @staticmethod
     def undecided(faces: IndexArray) -> FaceDepths:
@@ -54,6 +56,7 @@ class FaceDepths:
             distances=np.zeros(count),
             exact=np.ones(count, dtype=bool),
             lasting=np.zeros(count, dtype=bool),
+            alone=np.zeros(count, dtype=bool),
         )
 
     def settle(self, chosen: BoolArray, depth: int, bounds: FloatArray, distances: FloatArray | None = None) -> None:
@@ -70,20 +73,20 @@ class FaceDepths:
 
     def update(self, part: FaceDepths) -> None:
         """Copy the results of some faces into these results, which must be for faces 0, 1, 2, …"""
-        for name in ("depths", "bounds", "distances", "exact", "lasting"):
+        for name in ("depths", "bounds", "distances", "exact", "lasting", "alone"):
             vars(self)[name][part.faces] = vars(part)[name]
 
 
 @dataclass(frozen=True)
 class LevelBounds:
     """The bounds of P faces of the mesh, each at a level of its own: (P,) each. bounds: the proved distances, inf where
-    none is within the tolerance. lasting: whether the face is known to be within the tolerance at every later level,
-    too.
+    none is within the tolerance. lasting, alone: as of ``FaceDepths``.
     """
 
     faces: IndexArray
     bounds: FloatArray
     lasting: BoolArray | bool = False
+    alone: BoolArray | bool = False
 
     @property
     def all_within(self) -> bool:

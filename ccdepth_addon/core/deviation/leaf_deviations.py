@@ -8,22 +8,26 @@ Distances to a part of the triangles or the surface are no less than to the whol
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from time import perf_counter
 
 import numpy as np
 
+from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
 from ..mesh.level_quads import QUAD_TRIANGLES, may_be_folded
 from ..progress import no_report
 from ..surface.refinement import Refinement
 from .bezier_pieces import BezierPieces
+from .columns import columns
 from .findings import Findings
 from .leaf_maps import mapped_bounds
+from .leaf_samples import ON_GRID, seen_from
 from .measure import MARGIN
-from .mesh_to_surface import Facets, MeshToSurface
-from .surface_to_mesh import SurfaceToMesh
-from .triangles import Triangles
+from .mesh_to_surface import Facets, Leaves, MeshToSurface
+from .surface_to_mesh import SurfaceToMesh, nearest_triangles
+from .triangles import Triangles, to_triangles
 
 # The largest number of pieces and parts for each leaf, and these besides: undecided leaves are then near the limit, and
 # one more level takes no longer.
@@ -31,6 +35,9 @@ PIECES_OF_EACH, PIECES_BESIDES = 96, 1 << 12
 
 # Rounds after which nothing more is decided, mostly.
 MOST_ROUNDS = 20
+
+# (9, 16): points of the surface that are tried, from the coefficients of a piece.
+SAMPLED = ON_GRID[[0, 2, 4, 10, 12, 14, 20, 22, 24]]
 
 # The sides of a quad as triangles without area.
 SIDES = np.array([[0, 1, 1], [1, 2, 2], [2, 3, 3], [3, 0, 0]])
@@ -65,6 +72,26 @@ class DrawnLeaves:
     is_turned: BoolArray
     is_folded: BoolArray
 
+    @property
+    def are_quads(self) -> bool:
+        """Whether all leaves, and all faces around them, are quads."""
+        return bool(np.all(self.refinement.mesh.face_sizes == 4))
+
+    @cached_property
+    def pieces(self) -> BezierPieces:
+        """The surface over the leaves: if ``are_quads``, a piece of each comes first, in their order."""
+        units, owners = self.refinement, np.arange(len(self.points))
+        if not self.are_quads:
+            units, owners = units.refined(), np.repeat(owners, 4)
+        return BezierPieces(units, owners, lambda: None)
+
+    def _pieces_of(self, chosen: IndexArray) -> tuple[IndexArray, IndexArray]:
+        """(N,) intp twice: the rows of chosen leaves (n,), and the pieces, not split, over each."""
+        which = self.pieces.leaves()
+        which = which[np.argsort(self.pieces.faces[which], kind="stable")]
+        first, end = (np.searchsorted(self.pieces.faces[which], chosen, side) for side in ("left", "right"))
+        return np.repeat(np.arange(len(chosen)), end - first), which[ranges(first, end - first)]
+
     @staticmethod
     def of(refinement: Refinement, is_turned: BoolArray, vertices: Vertices, axes: FloatArray | None) -> DrawnLeaves:
         """The drawn leaves of a refinement. axes: of the space in which diagonals are chosen, as of ``PolygonMesh``."""
@@ -81,17 +108,16 @@ class DrawnLeaves:
         """(K,): bounds of the distance between surface and triangles of each leaf at equal parameters, with either
         diagonal. rounded: the rounding allowance."""
         count = len(self.points)
-        if np.any(self.refinement.mesh.face_sizes != 4):
+        if not self.are_quads:
             return np.full(count, np.inf)
-        pieces = BezierPieces(self.refinement, np.arange(count), lambda: None)
         off = self.refinement.limits_at_corners.reshape(-1, 4, 3) - self.points
-        found: FloatArray = Facets.of(pieces, np.arange(count)).off + np.sqrt((off * off).sum(axis=2).max(axis=1))
+        found: FloatArray = Facets.of(self.pieces, np.arange(count)).off + np.sqrt((off * off).sum(axis=2).max(axis=1))
         return found + rounded
 
     def mapped(self, limit: float, rounded: float) -> FloatArray:
         """(K,): bounds of the distance between surface and triangles of each leaf, both ways, by a map; infinite
         without a bound within the limit. rounded: the rounding allowance."""
-        if np.any(self.refinement.mesh.face_sizes != 4):
+        if not self.are_quads:
             return np.full(len(self.points), np.inf)
         pieces = BezierPieces(self.refinement, np.arange(len(self.points)), lambda: None)
         found = mapped_bounds(pieces, self.points, self.is_turned, limit - rounded)
@@ -100,6 +126,41 @@ class DrawnLeaves:
             others = mapped_bounds(pieces, self.points, ~self.is_turned, limit - rounded)
             found[self.is_folded] = np.maximum(found, others)[self.is_folded]
         return found + rounded
+
+    def surface_beyond(self, chosen: IndexArray, drawn: DrawnLeaves, limit: float) -> IndexArray:
+        """Those of chosen leaves (n,) with a point of the surface that seems farther than the limit from the triangles
+        of ``drawn``, by the point of a piece that is farthest from the leaf's own. Nothing is proved by that."""
+        rows, which = self._pieces_of(chosen)
+        points, excess = np.matmul(self.pieces.coefficients[which], SAMPLED.T), self.pieces.excess[which]
+        corners = columns(np.repeat(self._quads(chosen)[rows], len(SAMPLED), axis=0))
+        places = columns(points.swapaxes(1, 2).reshape(-1, 3))
+        off = np.minimum(*(to_triangles(places, corners[some])[0] for some in ([0, 1, 2], [0, 2, 3])))
+        off = off.reshape(-1, len(SAMPLED))
+        far = np.flatnonzero(off.max(axis=1) - excess > limit)
+        farthest = points[far, :, off[far].argmax(axis=1)]
+        found = nearest_triangles(drawn._around(), farthest).distances if len(far) else excess[far]
+        return np.unique(chosen[rows[far[found - excess[far] > limit]]])
+
+    def drawn_beyond(self, chosen: IndexArray, limit: float) -> IndexArray:
+        """Those of chosen leaves (n,) with a corner, or a middle of a side or of the diagonal, that seems farther than
+        the limit from the surface over all leaves, by the point farthest from the leaf's own. Nothing is proved by
+        that."""
+        quads = self._quads(chosen)
+        points = np.concatenate([quads, (quads[:, [0, 1, 2, 3, 0]] + quads[:, [1, 2, 3, 0, 2]]) / 2], axis=1)
+        rows, which = self._pieces_of(chosen)
+        rows, which = (rows[:, None] * 9 + np.arange(9)).ravel(), np.repeat(which, 9)
+        off = seen_from(points.reshape(-1, 3), rows, which, self.pieces).reshape(-1, 9)
+        far = np.flatnonzero(off.max(axis=1) > limit)
+        if not len(far):
+            return chosen[:0]
+        farthest = points[far, off[far].argmax(axis=1)]
+        rows, which = Leaves.of(self.pieces, lambda: None).near(farthest, 1.0)
+        return chosen[far[seen_from(farthest, rows, self.pieces.leaves()[which], self.pieces) > limit]]
+
+    def _quads(self, chosen: IndexArray) -> FloatArray:
+        """(n, 4, 3): the corners of chosen leaves (n,), the diagonal from corner 0 to 2."""
+        points = self.points[chosen]
+        return np.where(self.is_turned[chosen, None, None], np.roll(points, -1, axis=1), points)
 
     def deviations(
         self, on_surface: BoolArray, drawn: BoolArray, groups: IndexArray, limit: float, rounded: float

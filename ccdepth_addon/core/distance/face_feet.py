@@ -111,16 +111,23 @@ class FaceFeet:
         return FaceFeet(mesh, vertices, places, whole, equal, is_turned[regular])
 
     def bounds(
-        self, faces: IndexArray, level: int, shown: Vertices, limit: float, tick: Callable[[], None]
+        self,
+        faces: IndexArray,
+        level: int,
+        shown: Vertices,
+        limit: float,
+        tick: Callable[[], None],
+        *,
+        are_divided: bool = True,
     ) -> Iterator[FoundByFeet]:
         """The bounds of some faces at a level, in chunks. shown: the kind of vertices, ``vertices`` or control points.
-        limit: the largest useful distance."""
+        limit: the largest useful distance. are_divided: whether parts have bounds of their own."""
         others = faces[self.places[faces] < 0]
         never = np.zeros(len(others), dtype=bool)
         yield FoundByFeet(others, np.full(len(others), np.inf), never, never, ~never)
         rest = []
         for some in index_chunks(faces[self.places[faces] >= 0], AT_ONCE):
-            is_divided, found = self._of_whole_faces(some, level, shown, limit)
+            is_divided, found = self._of_whole_faces(some, level, shown, limit, are_divided=are_divided)
             rest.append(some[is_divided])
             yield found
 
@@ -130,7 +137,7 @@ class FaceFeet:
         yield from map_in_threads(divided, index_chunks(np.concatenate([faces[:0], *rest]), FEW_AT_ONCE), tick)
 
     def _of_whole_faces(
-        self, faces: IndexArray, level: int, shown: Vertices, limit: float
+        self, faces: IndexArray, level: int, shown: Vertices, limit: float, *, are_divided: bool
     ) -> tuple[BoolArray, FoundByFeet]:
         """(n,) bool, whether parts of each of these regular faces may be within the limit; and the bounds of the other
         faces."""
@@ -144,7 +151,7 @@ class FaceFeet:
             )
         middle = self.whole.middle if shown is self.vertices else self.whole.control_middle
         may_be_within = (on_leaves > limit) & (middle[places] * size**2 <= limit)
-        is_divided = may_be_within & np.isfinite(self.whole.curvature[places])
+        is_divided = may_be_within & np.isfinite(self.whole.curvature[places]) & are_divided
         are_short = on_leaves <= limit
         is_open = may_be_within & (found > limit)
         columns = (column[~is_divided] for column in (faces, found, are_short, are_short, is_open))
