@@ -150,8 +150,8 @@ class DisprovedLevels:
 
     def _samples(self, level: int, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
         """Points of the surface (n, 3), with the indices (n,) of their faces: the highest over their own leaves at a
-        level and the farthest from these leaves, among the corners and the middles of sides and of quads one and two
-        levels later. Points near their leaves are left out."""
+        level and the farthest from these leaves, among the corners and the middles of sides and of quads one level later, and
+        two levels later while leaves are few. Points near their leaves are left out."""
         leaves = _Leaves.start(self.mesh, faces, self._shown(level))
         for _ in range(level):
             leaves = leaves.refined().with_largest_sag(LEAVES_OF_A_FACE)
@@ -161,14 +161,14 @@ class DisprovedLevels:
         # With limit vertices the corners are on the surface.
         is_off = leaves.shown is Vertices.CONTROL
         points, parents = [children.limits_at_corners[::4]] * is_off, [owners] * is_off
-        for later in range(2):
+        for later in range(2 if level < PART_LEVELS else 1):
+            if later:
+                children, owners = children.refined(), np.repeat(owners, 4)
             corners = children.limits_at_corners.reshape(-1, 4, 3)
             # The last corner but one of a face's children is the middle of the face.
-            is_first = np.diff(owners, prepend=-1) > 0 if later == 0 else np.arange(len(owners)) % 4 == 0
+            is_first = np.arange(len(owners)) % 4 == 0 if later else np.diff(owners, prepend=-1) > 0
             points += [corners[:, 1], corners[is_first, 2]]
             parents += [owners, owners[is_first]]
-            if later == 0:
-                children, owners = children.refined(), np.repeat(owners, 4)
         places, of_leaf = np.concatenate(points), np.concatenate(parents)
         off, heights = leaves.own_distances(places, of_leaf)
         far = np.flatnonzero(self.test.exceeds(off))
