@@ -7,9 +7,20 @@ from functools import partial
 import numpy as np
 import pytest
 
+from ccdepth_addon.core.deviation.extraordinary_pieces import (
+    LEVELS,
+    children_of_nets,
+    largest_rest,
+    near_points,
+    piece_stencils,
+    pieces_of_nets,
+)
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.bicubic import CORNERS, NET_TO_BERNSTEIN
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, regular_nets
+from ccdepth_addon.core.surface.stencils import patch_stencils
+from ccdepth_addon.core.surface.triangle_coefficients import bicubic_basis
 from tests import meshes, nets
 from tests.brute_force import quad_places
 from tests.core.test_foot_bounds import derivative
@@ -102,3 +113,32 @@ def test_nets_are_the_surface(name: str) -> None:
     corners = 4**3 * mesh.face_starts[faces, None] + np.arange(4**4)
     found = limit_positions(fine)[fine.corner_vertices[corners]]
     np.testing.assert_allclose(found.swapaxes(0, 1), derivative(net, quad_places(3), 0, 0), rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("valence", [5, 54, 55, 64, 130])
+def test_few_columns_and_fourier_transforms_give_what_matrices_give(valence: int) -> None:
+    """The net of a child, the coefficients of its pieces, and all points that bound their excess."""
+    net = np.random.default_rng(valence).normal(size=(2 * valence + 8, 3, 3))
+    whole = patch_stencils(valence)
+    refined, regular = children_of_nets(net, valence)
+    np.testing.assert_allclose(refined, np.tensordot(whole.refined, net, 1), rtol=0, atol=ROUNDING)
+    wanted = np.stack([NET_TO_BERNSTEIN @ each for each in np.split(whole.regular, 3)])
+    np.testing.assert_allclose(regular, np.einsum("cij,jpd->pcdi", wanted, net), rtol=0, atol=10 * ROUNDING)
+    coefficients, middles, excess = pieces_of_nets(net, valence, lambda: None)
+    stencils, power = piece_stencils(valence), np.linalg.matrix_power(whole.refined, LEVELS)
+    points = near_points(net, valence)
+    rest = np.tensordot(power - whole.limits[0], net, 1)
+    found = largest_rest(stencils, net, points)
+    np.testing.assert_allclose(found, np.linalg.norm(rest, axis=2).max(axis=0), rtol=0, atol=ROUNDING)
+    rows = [np.tensordot(each, points, 1) for each in (stencils.apart, stencils.piece)]
+    apart, piece, rest = (np.linalg.norm(each, axis=2).max(axis=0) for each in (*rows, rest))
+    np.testing.assert_allclose(excess, np.maximum(apart, rest + piece), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(coefficients[:, :, CORNERS], np.einsum("ij,jpd->pdi", whole.limits, net), atol=1e-12)
+    np.testing.assert_allclose(middles, regular[:, 1, :, CORNERS[2]], rtol=0, atol=ROUNDING)
+    # Middles of regular parts of the surface, beside points of the piece with the same parameters.
+    for level in range(LEVELS):
+        refined, regular = children_of_nets(net, valence)
+        places = np.array([[0.5, 0.5], [0.75, 0.75]]) * [[1], [0.5**level]]
+        of_surface, of_piece = (each @ row for each, row in zip((regular[:, 1], coefficients), bicubic_basis(places), strict=True))
+        assert np.all(np.linalg.norm(of_surface - of_piece, axis=1) <= excess)
+        net = refined

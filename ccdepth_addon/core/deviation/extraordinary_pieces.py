@@ -10,13 +10,14 @@ piece there, around the corner's limit position. docs/deviation.md, Pieces.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays.chunks import chunks
-from ..arrays.types import FloatArray
+from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from ..surface.bicubic import CORNERS, HALVES, NET_TO_BERNSTEIN
 from ..surface.stencils import apply_stencils, patch_stencils
@@ -26,6 +27,11 @@ FITTED_LEVELS, LEVELS = 4, 12
 
 # The number of patches bounded together.
 NETS_AT_ONCE = 1 << 9
+
+# A step reaches the next sector around the vertex, and all others by two sums alone: the points beside these sectors,
+# counted from the patch's own, count as two sums. With fewer sectors all points count by themselves.
+NEAR_SECTORS = np.arange(-LEVELS, LEVELS + 4)
+MANY_SECTORS = 2 * len(NEAR_SECTORS)
 
 # (16, 16): the coefficients of the quarter at corner 0 from those of a piece.
 QUARTER = np.kron(HALVES[0], HALVES[0])
@@ -39,6 +45,9 @@ class PieceStencils:
     children at corners 1 to 3. middle: (1, 2n + 8), of the surface's point at the piece's middle. apart: (rows, 2n +
     8), differences whose lengths bound the distance between surface and piece at equal parameters. At the corner the
     longest row of rest, (2n + 8, 2n + 8), and the longest row of piece, (16, 2n + 8), together bound the distance.
+    With ``MANY_SECTORS`` all of these have columns for ``near_points`` alone, and rest has rows for the points that are
+    not in the ring. ring: (n // 2 + 1, 2, 2) complex, of rest in the ring, its Fourier transform; centre: (2,), the
+    weights of the vertex there.
     """
 
     coefficients: FloatArray
@@ -47,6 +56,8 @@ class PieceStencils:
     apart: FloatArray
     rest: FloatArray
     piece: FloatArray
+    ring: NDArray[np.complex128] | None = None
+    centre: FloatArray | None = None
 
 
 @lru_cache(maxsize=64)
@@ -67,7 +78,46 @@ def piece_stencils(valence: int) -> PieceStencils:
     # Corner 2 of the child at corner 2.
     middle = patches[1][CORNERS[2:3]]
     children = np.concatenate(patches[:3])
-    return PieceStencils(coefficients, children, middle, apart, net - corner, part @ coefficients - corner)
+    rows = [coefficients, children, middle, apart, net - corner, part @ coefficients - corner]
+    if valence < MANY_SECTORS:
+        return PieceStencils(*rows)
+    near, far = _near_columns(valence)
+    rows = [np.concatenate([each[:, near], each[:, far].mean(axis=2)], axis=1) for each in rows]
+    kernel = (net - corner)[1:3, 1 : 2 * valence + 1].reshape(2, valence, 2)
+    rows[4] = rows[4][[0, *range(2 * valence + 1, 2 * valence + 8)]]
+    # A row of the ring sees the others from its own sector on.
+    ring = np.moveaxis(np.fft.rfft(kernel, axis=1).conj(), 1, 0)
+    return replace(PieceStencils(*rows), ring=ring, centre=(net - corner)[1:3, 0])
+
+
+def near_points(nets: FloatArray, valence: int) -> FloatArray:
+    """The points of nets (2n + 8, P, 3) that ``PieceStencils`` have columns for."""
+    if valence < MANY_SECTORS:
+        return nets
+    near, far = _near_columns(valence)
+    return np.concatenate([nets[near], nets[far].sum(axis=1)])
+
+
+@lru_cache(maxsize=64)
+def _near_columns(valence: int) -> tuple[IndexArray, IndexArray]:
+    """The points of a net that count by themselves; and the points of two sums, (2, m), of sides and of faces."""
+    sectors = np.arange(valence)
+    is_near = np.isin(sectors, NEAR_SECTORS % valence)
+    near = 1 + 2 * sectors[is_near][:, None] + np.arange(2)
+    near = np.concatenate([[0], near.ravel(), np.arange(2 * valence + 1, 2 * valence + 8)])
+    return near, 1 + 2 * sectors[~is_near] + np.arange(2)[:, None]
+
+
+def largest_rest(stencils: PieceStencils, nets: FloatArray, points: FloatArray) -> FloatArray:
+    """(P,): the longest rows of rest for nets (2n + 8, P, 3). points: of ``near_points``."""
+    longest: FloatArray = np.sqrt(squared_norms(apply_stencils(stencils.rest, points)).max(axis=0))
+    if stencils.ring is None or stencils.centre is None:
+        return longest
+    valence = (len(nets) - 8) // 2
+    modes = np.fft.rfft(nets[1 : 2 * valence + 1].reshape(valence, 2, -1), axis=0)
+    ring = np.fft.irfft(np.matmul(stencils.ring, modes), valence, axis=0)
+    ring += stencils.centre[:, None] * nets[0].ravel()
+    return np.maximum(longest, np.sqrt(squared_norms(ring.reshape(2 * valence, -1, 3)).max(axis=0)))
 
 
 def pieces_of_nets(
@@ -77,23 +127,36 @@ def pieces_of_nets(
     and their excess (P,). tick: called again and again; it may raise to stop."""
     stencils, count = piece_stencils(valence), nets.shape[1]
     excess = np.empty(count)
+    points = near_points(nets, valence)
     for chunk in chunks(count, NETS_AT_ONCE):
-        apart, rest, piece = (
-            np.sqrt(squared_norms(apply_stencils(rows, nets[:, chunk])).max(axis=0))
-            for rows in (stencils.apart, stencils.rest, stencils.piece)
+        apart, piece = (
+            np.sqrt(squared_norms(apply_stencils(rows, points[:, chunk])).max(axis=0))
+            for rows in (stencils.apart, stencils.piece)
         )
-        excess[chunk] = np.maximum(apart, rest + piece)
+        excess[chunk] = np.maximum(apart, largest_rest(stencils, nets[:, chunk], points[:, chunk]) + piece)
         tick()
-    coefficients, [middles] = (apply_stencils(rows, nets) for rows in (stencils.coefficients, stencils.middle))
+    coefficients, [middles] = (apply_stencils(rows, points) for rows in (stencils.coefficients, stencils.middle))
     return np.moveaxis(coefficients, 0, 2), middles, excess
 
 
 def children_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArray]:
     """The nets of the children at corner 0, (2n + 8, P, 3), and the coefficients of the regular children at corners 1
     to 3, (P, 3, 3, 16)."""
-    refined = apply_stencils(patch_stencils(valence).refined, nets)
-    regular = apply_stencils(piece_stencils(valence).children, nets).reshape(3, 16, -1, 3)
+    first, places, weights = _few_points(valence)
+    refined = np.zeros_like(nets)
+    refined[0] = apply_stencils(first, nets)[0]
+    for which, weight in zip(places, weights, strict=True):
+        refined[1:] += weight[:, None, None] * nets[which]
+    regular = apply_stencils(piece_stencils(valence).children, near_points(nets, valence)).reshape(3, 16, -1, 3)
     return refined, np.moveaxis(regular, (2, 0, 3, 1), (0, 1, 2, 3))
+
+
+@lru_cache(maxsize=64)
+def _few_points(valence: int) -> tuple[FloatArray, IndexArray, FloatArray]:
+    """The first row of the matrix of a step, (1, 2n + 8); and the points (9, 2n + 7) and weights of all other rows."""
+    rows = patch_stencils(valence).refined
+    places = np.argsort(rows[1:] == 0, axis=1, kind="stable")[:, :9]
+    return rows[:1], places.T, np.take_along_axis(rows[1:], places, axis=1).T
 
 
 def _from_corner(corner: int) -> FloatArray:
