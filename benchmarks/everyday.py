@@ -3,10 +3,10 @@
 
 python benchmarks/everyday.py [--save DIRECTORY] [--compare DIRECTORY] [NAME…]        with the bpy wheel
 
-Each row tells the seconds of processor time, the faces, the deepest depth, the level for all faces, the leaves in all (4
-to the power of each depth), the share with depths proved minimal, and the largest memory so far. --save keeps the
-depths; --compare counts the faces that are deeper than the kept ones, and shallower. The figures of docs/performance.md
-are with OPENBLAS_NUM_THREADS=1, which makes processor time the time of one thread.
+Each row tells the seconds of processor time, the faces, the deepest depth, the level for all faces, the leaves in all
+(4 to the power of each depth), the share with depths proved minimal, and the largest memory so far. --save keeps the
+depths; --compare counts the faces that are deeper than the kept ones, and shallower. OPENBLAS_NUM_THREADS=1 keeps
+threads of matrix products from counting twice.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
-from itertools import cycle, product
+from itertools import cycle, pairwise, product
 
 import numpy as np
 import pytest
@@ -21,9 +21,10 @@ from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
-from tests.drawn_levels import largest_around, sampled
+from tests.drawn_levels import largest_around, points_of, sampled, surface
 from tests.proved_bounds import level_bounds
 from tests.thorough import cases, combinations, each
+from tests.triangle_distances import point_to_triangles
 
 # Fine triangles that stand for the surface are off it by so many times what their level has changed, at most: a level
 # takes a third off at least, at poles of any valence; mostly three quarters.
@@ -91,6 +92,50 @@ def cases_of(names: Iterable[str], seed: int) -> list[object]:
     """Each mesh at level 1 with one kind of vertices; in the thorough run with both, at level 2, with more seeds."""
     short = [(name, vertices, seed, 1) for name, vertices in zip(names, cycle(Vertices), strict=False)]
     return cases([*short, *product(MESHES, Vertices, SEEDS, [2])], short)
+
+
+TRIANGLES: dict[str, Callable[[int], meshes.MeshData]] = {
+    "house": lambda seed: meshes.bumpy(meshes.triangles_and_quads(), 0.2, seed),
+    "tetrahedron": MESHES["tetrahedron"],
+    "poles": lambda seed: meshes.bumpy(meshes.sphere(5 + seed, 3), 0.1, seed),
+    "creased tetrahedron": lambda seed: meshes.with_random_creases(MESHES["tetrahedron"](seed), seed),
+    "sliver": lambda seed: meshes.from_faces([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 1]], [[0, 1, 2], [0, 2, 3]]),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "vertices", "seed"),
+    cases(product(TRIANGLES, Vertices, SEEDS), [(*pair, 1) for pair in zip(TRIANGLES, cycle(Vertices), strict=False)]),
+)
+def test_control_triangles_are_as_near_as_proved(name: str, vertices: Vertices, seed: int) -> None:
+    """Each one to the surface over itself, both ways, and within what is proved at equal parameters."""
+    mesh = meshes.build(TRIANGLES[name](seed))
+    fine, fine_triangles, owners, step = surface(mesh, 4)
+    chosen, found = np.flatnonzero(mesh.face_sizes == 3), []
+    for face in chosen:
+        triangle = mesh.positions[mesh.corner_vertices[mesh.face_starts[face] :][:3]]
+        own = fine[fine_triangles[owners == face]]
+        points, drawn = own.reshape(-1, 3), points_of(triangle[None]).reshape(-1, 3)
+        back = point_to_triangles(points, np.tile(triangle, (len(points), 1, 1))).max()
+        there = point_to_triangles(np.repeat(drawn, len(own), axis=0), np.tile(own, (len(drawn), 1, 1)))
+        found.append((there.reshape(len(drawn), -1).min(axis=1).max() - OFF * step, back))
+    # Bounds are no nearer than asked.
+    for tolerance in (meshes.diagonal(mesh), *(factor * max(pair) for pair in found for factor in (1.5, 0.9))):
+        if tolerance > 0:
+            bounds = level_bounds(mesh, tolerance, "DISTANCE", vertices, 0)[chosen]
+            assert np.all(np.max(found, axis=1) <= bounds * (1 + ROUNDING) + ROUNDING)
+
+
+def test_triangles_near_enough_have_depth_0() -> None:
+    """A sphere of triangles: where certified bounds suffice, no level is asked for."""
+    data = meshes.sphere(24, 12)
+    triangles = [[face[0], *pair] for face in data.faces for pair in pairwise(face[1:])]
+    mesh = meshes.build(meshes.from_faces(data.positions, triangles))
+    diagonal = meshes.diagonal(mesh)
+    certified = face_depths(mesh, 0.02 * diagonal, "CERTIFIED", "CONTROL").depths
+    assert np.all(certified == 0)
+    assert np.all(face_depths(mesh, 0.02 * diagonal, "DISTANCE", "LIMIT").depths == 0)
+    assert np.all(face_depths(mesh, 0.002 * diagonal, "DISTANCE", "LIMIT").depths == 1)
 
 
 # The last one takes the longest.

@@ -176,9 +176,8 @@ def test_charts_are_convex_and_linear_over_both_triangles(height: float) -> None
     """Also of needles, and of leaves that are concave, folded, or without area."""
     rng = np.random.default_rng(1)
     quads = rng.normal(size=(2000, 4, 3)) * [1.0, height, 1.0] + 3.0
-    quads[::5] = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * [1.0, height, 1.0] + 0.1 * height * rng.normal(
-        size=(400, 4, 3)
-    )
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    quads[::5] = square * [1.0, height, 1.0] + 0.1 * height * rng.normal(size=(400, 4, 3))
     charts = Charts.over(quads, np.zeros(2000, dtype=bool))
     sides = np.roll(charts.places, -1, axis=1) - charts.places
     turns = np.cross(sides, np.roll(sides, -1, axis=1))

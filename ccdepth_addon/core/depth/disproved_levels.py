@@ -150,8 +150,8 @@ class DisprovedLevels:
 
     def _samples(self, level: int, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
         """Points of the surface (n, 3), with the indices (n,) of their faces: the highest over their own leaves at a
-        level and the farthest from these leaves, among the corners and the middles of sides and of quads one level later, and
-        two levels later while leaves are few. Points near their leaves are left out."""
+        level and the farthest from these leaves, among the corners and the middles of sides and of quads one level
+        later, and two levels later while leaves are few. Points near their leaves are left out."""
         leaves = _Leaves.start(self.mesh, faces, self._shown(level))
         for _ in range(level):
             leaves = leaves.refined().with_largest_sag(LEAVES_OF_A_FACE)

@@ -24,6 +24,7 @@ from ..deviation.measure import rounding_allowance
 from ..distance.face_feet import FaceFeet
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
+from .certified_depth import certified_level_bounds
 from .disproved_levels import DisprovedLevels
 from .level_leaves import DEEPEST_REGULAR, RINGS, LevelLeaves, mask, rings_around
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
@@ -58,8 +59,8 @@ def distance_depths(
 ) -> Iterator[FaceDepths]:
     """The depths of some faces, in chunks. tick: called meanwhile, and may raise to stop.
 
-    At level 0 vertices are control points, as no modifier moves anything; polygons other than quads have depth 1 at
-    least.
+    At level 0 vertices are control points, as no modifier moves anything; polygons with more than four corners have
+    depth 1 at least.
     """
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     disproved = DisprovedLevels.of(mesh, vertices, test, tick)
@@ -134,23 +135,23 @@ def distance_level_bounds(
         rest[short] = False
         yield LevelBounds(faces[short], found.bounds[found.are_short] + test.allowance)
     if level == 0:
-        others = rest & (mesh.face_sizes[faces] != 4)
+        triangles, others = rest & (mesh.face_sizes[faces] == 3), rest & (mesh.face_sizes[faces] > 4)
+        yield from some.of_triangles(faces[triangles])
         yield LevelBounds(faces[others], np.full(np.count_nonzero(others), np.inf))
-        rest &= ~others
+        rest &= ~(triangles | others)
     for block in some.by_leaves(faces[rest], level, are_joined=True, is_proved=is_proved):
         yield LevelBounds(block.faces, np.where(block.bounds <= some.limit, block.bounds + test.allowance, np.inf))
 
 
 @dataclass(frozen=True)
 class _SomeFaces:
-    """Some faces (n,) of a mesh, ascending. feet: the bounds by feet of a mesh with these as its first faces. limit:
-    the largest useful distance, without the allowance."""
+    """Some faces (n,) of a mesh, ascending. feet: the bounds by feet of a mesh with these as its first faces."""
 
     mesh: PolygonMesh
     faces: IndexArray
     feet: FaceFeet
     vertices: Vertices
-    limit: float
+    test: ToleranceTest
     rounded: float
     tick: Callable[[], None]
 
@@ -165,7 +166,12 @@ class _SomeFaces:
             around, count = submesh(mesh, near)[0].changed(axes=mesh.axes), len(near)
         feet = FaceFeet.of(around, vertices, np.zeros(count, dtype=bool), tick)
         rounded = rounding_allowance(mesh, float(largest_coordinates(mesh).max()))
-        return _SomeFaces(mesh, faces, feet, vertices, test.tolerance - test.allowance, rounded, tick)
+        return _SomeFaces(mesh, faces, feet, vertices, test, rounded, tick)
+
+    @property
+    def limit(self) -> float:
+        """The largest useful distance, without the allowance."""
+        return self.test.tolerance - self.test.allowance
 
     def shown(self, level: int) -> Vertices:
         """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
@@ -179,7 +185,11 @@ class _SomeFaces:
         lasting, is_open, alone, is_passed = np.zeros((4, len(self.faces)), dtype=bool)
         for found in self.feet.bounds(places, level, self.shown(level), self.limit, self.tick):
             bounds[found.faces], lasting[found.faces], is_open[found.faces] = found.bounds, found.lasting, found.is_open
-        is_open &= (self.mesh.face_sizes[self.faces] == 4) | (level > 0)
+        if level == 0:
+            sizes = self.mesh.face_sizes[self.faces]
+            for block in self.of_triangles(self.faces[places[sizes[places] == 3]]):
+                bounds[np.searchsorted(self.faces, block.faces)] = block.bounds - self.test.allowance
+            is_open &= sizes == 4
         is_open &= (self.feet.places[: len(self.faces)] < 0) | (level <= DEEPEST_REGULAR)
         has_bound = is_open & np.isfinite(bounds)
         if np.count_nonzero(has_bound) > MOST_WITH_BOUNDS or self.mesh.face_count > MOST_OF_A_MESH:
@@ -189,6 +199,10 @@ class _SomeFaces:
         bounds[left], alone[left] = self.by_leaves_within(level, left), True
         bounds[bounds > self.limit] = np.inf
         return bounds[places], lasting[places], alone[places], is_passed[places]
+
+    def of_triangles(self, faces: IndexArray) -> Iterator[LevelBounds]:
+        """The bounds of triangles at level 0, in chunks: a triangle is drawn as it is at equal parameters."""
+        return certified_level_bounds(self.mesh, faces, self.test, Vertices.CONTROL, 0, self.tick, nearly=False)
 
     def by_leaves_within(self, level: int, places: IndexArray) -> FloatArray:
         """(m,): bounds of the faces at some places (m,), by their leaves at a level; infinite beyond the limit."""
@@ -263,10 +277,10 @@ def _distances(
             is_mapped = bounds <= limit
             off[some[is_mapped]], is_left[some] = bounds[is_mapped], ~is_mapped
         for some in index_chunks(np.flatnonzero(is_left & own), MEASURED_AT_ONCE):
-            around = np.flatnonzero(rings_around(mesh, mask(len(off), some), 1))
-            chosen = np.flatnonzero(np.isin(around, some))
-            beyond = leaves.keep(mask(len(off), around)).drawn_beyond(chosen, limit)
-            is_lost |= own & np.isin(groups, groups[around[beyond]])
+            near = rings_around(mesh, mask(len(off), some), 1)
+            which = np.flatnonzero(near)
+            beyond = leaves.keep(near).drawn_beyond(np.flatnonzero(np.isin(which, some)), limit)
+            is_lost |= own & np.isin(groups, groups[which[beyond]])
         is_left &= ~is_lost
         off[is_lost] = np.inf
         for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The distance of a level's leaves, both ways, by a map of the surface onto each leaf's own triangles.
 
-Cells of the surface over a leaf are mapped bilinearly into a convex quad, which is linear over both triangles; points on
-a side of the leaf are mapped to this side. The map meets every point of the triangles, so the largest distance between
-a point and its image bounds the distance both ways. docs/distance.md, Lemma 11.
+Cells of the surface over a leaf are mapped bilinearly into a convex quad, onto which both triangles are mapped
+linearly; points on a side of the leaf are mapped to this side. The map meets every point of the triangles, so the
+largest distance between a point and its image bounds the distance both ways. docs/distance.md, Lemma 11.
 """
 
 from __future__ import annotations
