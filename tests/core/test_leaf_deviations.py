@@ -86,6 +86,19 @@ def test_around_a_pole_few_pieces_are_enough(monkeypatch: pytest.MonkeyPatch) ->
     assert np.all(found[at_pole] < np.inf)
 
 
+def test_triangles_without_area_are_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grid in one line: the surface over each leaf is as thin as its triangles."""
+    monkeypatch.delattr(leaf_deviations, "MeshToSurface")
+    data = meshes.bent(meshes.grid(5, 5), lambda x, y, _: (x + y * y, 2 * (x + y * y), 0 * x))
+    mesh = meshes.build(data, smooth_corners=False)
+    every = np.ones(mesh.face_count, dtype=bool)
+    some = DrawnLeaves.of(Refinement.start(mesh, np.flatnonzero(every)), ~every, Vertices.LIMIT, None)
+    assert some.along_segments(some.pieces).max() <= 1e-12
+    moved = replace(some, points=some.points + [100.0, 200.0, 0.0])
+    assert moved.along_segments(some.pieces).min() > 100.0
+    assert np.all(some.deviations(every, every, np.arange(len(every)), 0.5, 1e-9) <= 0.5)
+
+
 # Fine triangles, these levels deeper, are off the surface by at most this part of a leaf's size, on these meshes.
 FINE, DEEPER = 0.002, 3
 
@@ -130,6 +143,7 @@ def test_a_map_bounds_both_ways_between_a_leaf_and_its_own_triangles(name: str, 
         is_turned = some.is_turned[chosen] ^ (np.arange(len(chosen)) >= len(own) + len(folded))
         found = np.array([own_distances(some.points[i], surface[i], t) for i, t in zip(chosen, is_turned, strict=True)])
         sizes = np.ptp(surface[chosen].reshape(len(chosen), -1, 3), axis=1).max(axis=1)
+        assert np.all(found[:, 1] <= some.along_segments(some.pieces)[chosen] + FINE * sizes)
         for factor in (0.8, 1.02, 1.1, 2.0, 4.0):
             limit = factor * float(np.median(found.max(axis=1))) + 1e-9
             bounds = some.mapped(limit, 0.0)

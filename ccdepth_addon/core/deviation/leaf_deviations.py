@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import dot_products, units
 from ..bounds.norm_bounds import Vertices
 from ..mesh.level_quads import QUAD_TRIANGLES, may_be_folded
 from ..progress import no_report
@@ -194,13 +195,37 @@ class DrawnLeaves:
         found = np.zeros(count)
         leaves = _over(pieces, on_surface)
         np.maximum.at(found, pieces.faces[leaves], surface.upper[leaves])
-        chosen = np.flatnonzero(drawn & (_largest(groups, found) <= limit))
+        thin = self.along_segments(pieces) + rounded
+        is_near = drawn & (thin <= limit)
+        found[is_near] = np.maximum(found, thin)[is_near]
+        chosen = np.flatnonzero(drawn & ~is_near & (_largest(groups, found) <= limit))
         if len(chosen):
             mesh, owners = self._of(chosen)
             other_way = MeshToSurface(surface, mesh, count, np.inf, owners)
             other_way.settle()
             np.maximum.at(found, owners, other_way.upper)
         return np.where(found <= limit, found, np.inf)
+
+    def along_segments(self, pieces: BezierPieces) -> FloatArray:
+        """(K,): bounds of the distance from the triangles of each leaf, along either diagonal, to the surface over the
+        leaf, from its pieces: near where both are as thin as a segment. docs/deviation.md, Leaves without area."""
+        every = np.arange(len(self.points))
+        apart = self.points[:, None] - self.points[:, :, None]
+        ends = np.stack(np.divmod((apart * apart).sum(axis=3).reshape(-1, 16).argmax(axis=1), 4))
+        start, along = self.points[every, ends[0]], units(apart[every, ends[0], ends[1]])
+
+        def aside(places: FloatArray, leaves: IndexArray) -> FloatArray:
+            off = places - start[leaves, None]
+            off -= dot_products(off, along[leaves, None])[..., None] * along[leaves, None]
+            found: FloatArray = np.sqrt((off * off).sum(axis=2).max(axis=1))
+            return found
+
+        gaps = (self.refinement.limits_at_corners.reshape(-1, 4, 3) - self.points)[every, ends]
+        found = np.sqrt((gaps * gaps).sum(axis=2).max(axis=0))
+        parts = pieces.leaves()
+        owners = pieces.faces[parts]
+        np.maximum.at(found, owners, aside(pieces.coefficients[parts].swapaxes(1, 2), owners) + pieces.excess[parts])
+        return found + aside(self.points, every)
 
     def _around(self) -> Triangles:
         """The triangles certainly drawn: triangles of the leaves, and sides of leaves that may be folded."""
