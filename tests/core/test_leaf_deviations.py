@@ -94,7 +94,7 @@ def test_triangles_without_area_are_not_measured(monkeypatch: pytest.MonkeyPatch
     every = np.ones(mesh.face_count, dtype=bool)
     some = DrawnLeaves.of(Refinement.start(mesh, np.flatnonzero(every)), ~every, Vertices.LIMIT, None)
     assert some.along_segments(some.pieces).max() <= 1e-12
-    moved = replace(some, points=some.points + [100.0, 200.0, 0.0])
+    moved = replace(some, points=some.points + np.array([100.0, 200.0, 0.0]))
     assert moved.along_segments(some.pieces).min() > 100.0
     assert np.all(some.deviations(every, every, np.arange(len(every)), 0.5, 1e-9) <= 0.5)
 

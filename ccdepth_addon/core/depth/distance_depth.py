@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from ..arrays.chunks import index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import squared_norms
 from ..bounds.norm_bounds import Vertices
 from ..bounds.rounding import largest_coordinates
 from ..deviation.measure import rounding_allowance
 from ..distance.face_feet import FaceFeet
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
+from ..surface.limit_positions import limit_positions
 from .certified_depth import certified_level_bounds
 from .disproved_levels import DisprovedLevels
 from .level_leaves import DEEPEST_REGULAR, RINGS, LevelLeaves, mask, rings_around
@@ -201,8 +203,16 @@ class _SomeFaces:
         return bounds[places], lasting[places], alone[places], is_passed[places]
 
     def of_triangles(self, faces: IndexArray) -> Iterator[LevelBounds]:
-        """The bounds of triangles at level 0, in chunks: a triangle is drawn as it is at equal parameters."""
-        return certified_level_bounds(self.mesh, faces, self.test, Vertices.CONTROL, 0, self.tick, nearly=False)
+        """The bounds of triangles at level 0, in chunks: a triangle is drawn as it is at equal parameters. Where a
+        corner is too far from its limit position, there is none."""
+        if not len(faces):
+            return
+        gaps = np.sqrt(squared_norms(limit_positions(self.mesh) - self.mesh.positions))
+        corners = self.mesh.corner_vertices[self.mesh.face_starts[faces][:, None] + np.arange(3)]
+        is_far = self.test.exceeds(gaps[corners].max(axis=1))
+        yield LevelBounds(faces[is_far], np.full(np.count_nonzero(is_far), np.inf))
+        near = faces[~is_far]
+        yield from certified_level_bounds(self.mesh, near, self.test, Vertices.CONTROL, 0, self.tick, nearly=False)
 
     def by_leaves_within(self, level: int, places: IndexArray) -> FloatArray:
         """(m,): bounds of the faces at some places (m,), by their leaves at a level; infinite beyond the limit."""
