@@ -2,8 +2,8 @@
 """The normals stored at the corners of leaves, and at the middles of their sides.
 
 A stored normal is the normal of the limit surface at its point, on the leaf's own side of a crease. Where the surface
-turns by more than the shading angle within the reach, as at a nearly sharp crease or a tiny bevel, the leaf stores the
-normal from the reach inside instead: at this scale such a place is drawn as a sharp edge (docs/normals.md).
+turns by more than the shading angle within the reach at a semi-sharp edge or vertex, the leaf stores the normal from
+the reach inside instead: at this scale such a place is drawn as a sharp edge (docs/normals.md).
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ The faces of the control mesh are the first leaves of a tree of rectangles. A le
 
 1. while its triangles seem to miss the surface by more than the limit, across the direction of most bend;
 2. where neighbours are more than one split ahead, or where split sides make more faces than a split does;
-3. while no bound within the limit is proved for the leaf (``leaf_bounds``); then the leaves around are bounded again.
+3. with angles, while the normals of the leaf are not proved to be within them (``leaf_angles``);
+4. while no bound within the limit is proved for the leaf (``leaf_bounds``); then the leaves around are bounded again.
 Bounds fall with the size of a leaf, and no split is undone, so splitting ends. Every leaf then has a proved bound, in
 both directions between mesh and surface (docs/adaptive.md).
 """
