@@ -352,7 +352,8 @@ TOLERANCE = 1e-3
 
 
 def test_numbers_of_faces_are_what_is_made() -> None:
-    """With subdivision levels, with CC Depth, in the picture of both, and by the quicker method, in README's order."""
+    """With subdivision levels, with CC Depth, shaded smooth, in the picture of both, and by the quicker method, in
+    README's order."""
     text = re.sub(r"\s+", " ", (CHECKOUT / "README.md").read_text(encoding="utf-8"))
     found = re.findall(r"([\d,]+)(?: faces| with CC Depth)", text)
     suzanne = scene.add_suzanne()
@@ -361,6 +362,12 @@ def test_numbers_of_faces_are_what_is_made() -> None:
         addon.compute(suzanne, tolerance=TOLERANCE, tolerance_mode="RELATIVE", vertices="LIMIT", method=method)
         # Of a triangle three quads are made first, of a quad four, and of each of these four at every later level.
         uniform.append(len(suzanne.data.loops) * 4 ** (suzanne.data.ccdepth.uniform_level - 1))
-    bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE, tolerance_mode="RELATIVE", output="IN_PLACE")
-    made = len(bpy.context.object.data.polygons)
-    assert [int(number.replace(",", "")) for number in found] == [uniform[0], made, uniform[0], made, uniform[1]]
+    made = []
+    for is_smooth in (False, True):
+        scene.clear()
+        suzanne = scene.add_suzanne()
+        suzanne.data.polygons.foreach_set("use_smooth", np.full(len(suzanne.data.polygons), is_smooth))
+        addon.select(suzanne)
+        bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE, tolerance_mode="RELATIVE", output="IN_PLACE")
+        made.append(len(bpy.context.object.data.polygons))
+    assert [int(number.replace(",", "")) for number in found] == [uniform[0], *made, uniform[0], made[0], uniform[1]]

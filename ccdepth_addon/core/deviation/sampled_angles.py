@@ -30,10 +30,13 @@ Tick = Callable[[], None]
 TURN = np.radians(2.0)
 
 # The largest number of samples of the surface, unless its first samples are more, and of a drawn mesh, about.
-MOST_SAMPLES = 1 << 18
+MOST_SAMPLES = 1 << 16
 
 # Samples of the surface need not lie closer than this part of the tolerance.
 CLOSEST = 0.5
+
+# Points count for each other within this part of the diagonal at most: with a larger tolerance nearly all would.
+MOST_REACH = 0.02
 
 # The numbers of samples along the sides of a drawn triangle: the first that does not make too many.
 DRAWN_STEPS = (4, 2, 1)
@@ -45,7 +48,7 @@ FLOOR = np.radians(0.01)
 LOOKED_AT = 1 << 9
 
 # The largest number of samples compared so for the largest angle: uniform meshes have many that are nearly alike.
-MOST_LOOKED_AT = 1 << 13
+MOST_LOOKED_AT = 1 << 10
 
 # Points of a large triangle around a sample, in parts of its reach: the middle and a ring.
 RING = 0.9 * np.array([[np.cos(turn), np.sin(turn)] for turn in np.arange(6) * np.pi / 3])
@@ -98,8 +101,9 @@ class SampledSurface:
     """
 
     def __init__(self, control: PolygonMesh, tolerance: float, tick: Tick, most: int = MOST_SAMPLES) -> None:
-        self._tolerance = tolerance
-        positions, normals, corners = _fine_mesh(control, CLOSEST * tolerance, tick)
+        diagonal = float(np.linalg.norm(np.ptp(control.positions, axis=0)))
+        self._tolerance = min(tolerance, MOST_REACH * diagonal)
+        positions, normals, corners = _fine_mesh(control, CLOSEST * self._tolerance, tick)
         step = len(positions) // most + 1
         self._samples = Samples(positions[::step], normals[::step])
         self._shaded = Shaded.of(positions, corners, normals[corners], tick)
