@@ -30,7 +30,7 @@ Tick = Callable[[], None]
 TURN = np.radians(2.0)
 
 # The largest number of samples of the surface, unless its first samples are more, and of a drawn mesh, about.
-MOST_SAMPLES = 1 << 16
+MOST_SAMPLES = 1 << 15
 
 # Samples of the surface need not lie closer than this part of the tolerance.
 CLOSEST = 0.5
@@ -48,7 +48,7 @@ FLOOR = np.radians(0.01)
 LOOKED_AT = 1 << 9
 
 # The largest number of samples compared so for the largest angle: uniform meshes have many that are nearly alike.
-MOST_LOOKED_AT = 1 << 10
+MOST_LOOKED_AT = 1 << 9
 
 # Points of a large triangle around a sample, in parts of its reach: the middle and a ring.
 RING = 0.9 * np.array([[np.cos(turn), np.sin(turn)] for turn in np.arange(6) * np.pi / 3])
