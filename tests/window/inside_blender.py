@@ -170,15 +170,6 @@ def show(state: str) -> None:
     with bpy.context.temp_override(window=window, area=area, region=regions["WINDOW"]):
         if state == "saved":
             bpy.ops.wm.save_as_mainfile(filepath=str(REPORT.with_suffix(".blend")))
-        elif state == "rendered":
-            scene = bpy.context.scene
-            scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-            scene.collection.objects.link(scene.camera)
-            scene.render.engine = "CYCLES"
-            # Some builds of Blender cannot denoise.
-            scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
-            bpy.context.preferences.view.render_display_type = "NONE"
-            bpy.ops.render.render("INVOKE_DEFAULT")
         elif state == "deleted":
             bpy.data.objects.remove(suzanne)
         elif state in {"hidden", "shown"}:
