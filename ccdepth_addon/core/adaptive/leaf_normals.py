@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import lengths
+from ..arrays.vectors import angles_between, lengths
 from ..surface.limit_normals import limit_normals
 from ..surface.sharpness import has_semi_sharp
 from .plan import Plan
@@ -68,7 +68,7 @@ def _normals_of_others(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, Bool
     inside, farther = (
         _normals_inside(plan, leaves, each, turning) for each in (steps, np.minimum(2 * steps, MOST_INSIDE))
     )
-    turned, further = _between(exact, inside), _between(inside, farther)
+    turned, further = angles_between(exact, inside), angles_between(inside, farther)
     is_sharp = turning & (turned > angle) & (further < SHARP * turned)
     return np.where(is_sharp[..., None], inside, exact), is_sharp
 
@@ -78,12 +78,6 @@ def _normals_inside(plan: Plan, leaves: IndexArray, steps: FloatArray, wanted: B
     found = np.zeros((*wanted.shape, 3))
     for own, some, points in zip(found, wanted, plan.tree.slot_points(leaves, steps), strict=True):
         own[some] = limit_normals(plan.tree.mesh, points.at(np.flatnonzero(some)))
-    return found
-
-
-def _between(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(…): the angles between unit vectors (…, 3)."""
-    found: FloatArray = 2 * np.arcsin(np.minimum(lengths(a - b) / 2, 1.0))
     return found
 
 

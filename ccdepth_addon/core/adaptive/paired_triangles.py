@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
+from ..arrays.vectors import angles_between, cross_products, dot_products, lengths, squared_norms, units
 from ..distance.piece_hulls import SIDES, Pieces, off_at_equal
 from ..distance.pieces import Form
 from ..surface.normal_coefficients import grid_of, is_triangle, largest_angles, linear_grid, normal_grid
@@ -71,7 +71,7 @@ class PairedTriangles:
         of_polygons = np.repeat(units(np.add.reduceat(areas, firsts[:-1])), np.diff(firsts), axis=0)
         planes = np.where(is_polygon[:, None], of_polygons, own)
         # A polygon is drawn by triangles between any of its corners.
-        turns = np.where(is_polygon, _between(normals[:, 1:], planes[:, None]).max(axis=1), 0.0)
+        turns = np.where(is_polygon, angles_between(normals[:, 1:], planes[:, None]).max(axis=1), 0.0)
         normals = np.where(is_polygon[:, None, None], planes[:, None], normals)
         allowances = np.stack(
             [
@@ -309,7 +309,7 @@ class MeasuredPieces:
                 ratios = np.where(is_at, np.where(values <= least, 0.0, np.inf), values / away).max(axis=0)
                 moved = np.where(beyond > 0, ratios * np.maximum(beyond, 1e-300), 0.0)
                 np.minimum(best, np.where(usable, moved, np.inf), out=best)
-        kinks = _between(drawn.planes[one], drawn.planes[other])
+        kinks = angles_between(drawn.planes[one], drawn.planes[other])
         for each, values in zip(result, (shaded, raised, kinks), strict=True):
             np.maximum.at(each, one, values)
         return result[0], result[1], result[2]
@@ -361,12 +361,6 @@ def _tilts(
         low[own] = ears.min()
         off[own] += np.abs((around - around.mean(axis=0)) @ normal).max()
     found: FloatArray = np.where(low > 0, np.arcsin(np.minimum(2 * off / np.maximum(low, 1e-300), 1.0)), np.pi)
-    return found
-
-
-def _between(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(…): angles between unit vectors (…, 3), well-conditioned near 0."""
-    found: FloatArray = 2 * np.arcsin(np.minimum(lengths(a - b) / 2, 1.0))
     return found
 
 

@@ -75,6 +75,12 @@ def cross_products(a: FloatArray, b: FloatArray) -> FloatArray:
     return product
 
 
+def angles_between(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(…): the angles between unit vectors (…, 3), well-conditioned near 0."""
+    found: FloatArray = 2 * np.arcsin(np.minimum(lengths(a - b) / 2, 1.0))
+    return found
+
+
 def sums_by_index(indices: IndexArray, vectors: FloatArray, count: int) -> FloatArray:
     """(count, 3): row i is the sum of the vectors (N, 3) whose entry in ``indices`` (N,) is i."""
     return np.stack([np.bincount(indices, weights=column, minlength=count) for column in vectors.T], axis=1)
