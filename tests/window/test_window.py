@@ -284,18 +284,22 @@ def test_the_heat_map_is_there_in_every_mode_and_gone_with_overlays(window: Wind
         seen = window.look(tmp_path / f"{name}.png")[top:bottom, left : started["sidebar"][0] - LEGEND_WIDTH]
         return colorful_part(seen)
 
+    def comes(state: str, is_there: Callable[[float], bool]) -> bool:
+        # A busy machine draws late, and shows less while Blender compiles shaders.
+        return any(is_there(colorful(state)) for _ in range(15))
+
     shown = colorful("shown")
     for state, is_shown in (("hidden", False), ("shown", True), ("no overlays", False), ("overlays", True)):
         window.ask("state", state)
-        assert (colorful(state) > 0.9 * shown) == is_shown, state
+        assert comes(state, lambda part, is_shown=is_shown: (part > 0.9 * shown) == is_shown), state
     for state in ("material", "in front", "edit", "quad", "x-ray", "wireframe"):
         window.ask("state", state)
         # Half of it is enough, as Edit Mode and X-Ray show through; views of Quad View are smaller, and two of the four
-        # are half behind the sidebar. While Blender compiles shaders, it shows less.
+        # are half behind the sidebar.
         least = (0.4 if state == "quad" else 0.5) * shown
-        assert any(colorful(state) > least for _ in range(5)), state
+        assert comes(state, lambda part, least=least: part > least), state
     window.ask("state", "none")
-    assert colorful("none") < 0.1 * shown
+    assert comes("none", lambda part: part < 0.1 * shown)
     assert "Traceback" not in (tmp_path / "blender.log").read_text(errors="replace")
 
 
