@@ -90,7 +90,7 @@ class Reducer:
             if found is not None:
                 places = yield Work(partial(search.places, found.mesh), "Reducing".format)
                 decimation.write(mesh, places)
-                if self._exact_normals or self._settings.shading_angle:
+                if self._exact_normals and task.is_smooth.any():
                     normals = yield Work(partial(search.normals, found.mesh), "Reducing".format)
                     # Normals go into the scene by the cofactors, whose inverse is the transpose over the determinant.
                     in_object = normals.reshape(-1, 3) @ task.control.world / np.linalg.det(task.control.world)

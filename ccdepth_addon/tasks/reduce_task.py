@@ -35,7 +35,7 @@ def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: P
     task = answer.task
     control = task.control
     whole = task.request(replace(settings, mode="ADAPTIVE"), task.surface.tolerance, 0)
-    for divisor in DIVISORS_WITH_ANGLES if settings.shading_angle or settings.facet_angle else DIVISORS:
+    for divisor in DIVISORS_WITH_ANGLES if task.has_angles(settings) else DIVISORS:
         # Below the smallest step nothing can be proved.
         limit = max(whole.limit / divisor, min(whole.limit, smallest_step(control.in_world)))
         # Long triangles would turn over when they are merged.

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The search for few triangles, as far as no reduced mesh shows it: it ends, and it can be stopped."""
 
+from dataclasses import replace
 from functools import cache
 from unittest.mock import Mock
 
@@ -24,14 +25,15 @@ def control() -> PolygonMesh:
 @cache
 def at_level(level: int) -> TriangleMesh:
     """Triangles between points of the limit surface."""
-    return TriangleMesh(*result(control(), level, limit=True))
+    positions, corners = result(control(), level, limit=True)
+    return TriangleMesh(positions, corners, np.ones(len(corners), dtype=bool))
 
 
 def moved(mesh: TriangleMesh, chosen: np.ndarray, by: float) -> TriangleMesh:
     """Some of the vertices moved upwards."""
     positions = mesh.positions.copy()
     positions[chosen, 2] += by
-    return TriangleMesh(positions, mesh.corners)
+    return replace(mesh, positions=positions)
 
 
 def test_what_is_beyond_the_limit_is_never_taken_and_vertices_there_are_fixed() -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The largest angles between drawn normals and the limit surface's, at dense samples, which prove nothing.
 
-A sample passes an angle if a point of the other side within the tolerance has a normal within the angle: so its own
+A sample passes an angle if a point of the other side within twice the tolerance has a normal within the angle: its own
 angle is the smallest of such points, whatever sheet they lie on. A sample does not count where the surface's own normal
 turns by its angle or more within the tolerance: such a part of the surface is too narrow to count. docs/deviation.md,
 Angles.
@@ -10,6 +10,7 @@ Angles.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,7 +36,10 @@ MOST_SAMPLES = 1 << 15
 # Samples of the surface need not lie closer than this part of the tolerance.
 CLOSEST = 0.5
 
-# Points count for each other within this part of the diagonal at most: with a larger tolerance nearly all would.
+# Points count for each other within this many tolerances, as in the proof of docs/normals.md.
+REACH = 2.0
+
+# The largest tolerance counted with, as a part of the diagonal: with a larger one nearly all points would count.
 MOST_REACH = 0.02
 
 # The numbers of samples along the sides of a drawn triangle: the first that does not make too many.
@@ -95,33 +99,55 @@ class Samples:
 class SampledSurface:
     """The limit surface as a fine mesh with its own normals, each side of a crease by itself.
 
-    control: with explicit sharpness. tolerance: the distance within which points count for each other. tick: called
-    again and again, here as in the methods; it may raise to stop. most: the number of samples to compare with drawn
-    meshes, about.
+    control: with explicit sharpness. tolerance: points within twice this distance count for each other. tick: called
+    again and again, here as in the methods; it may raise to stop. most: the number of samples of the surface, unless
+    its first samples are more.
     """
 
     def __init__(self, control: PolygonMesh, tolerance: float, tick: Tick, most: int = MOST_SAMPLES) -> None:
         diagonal = float(np.linalg.norm(np.ptp(control.positions, axis=0)))
         self._tolerance = min(tolerance, MOST_REACH * diagonal)
-        positions, normals, corners = _fine_mesh(control, CLOSEST * self._tolerance, tick)
+        self._leaves_out_narrow = True
+        positions, normals, corners = _fine_mesh(control, CLOSEST * self._tolerance, most, tick)
         step = len(positions) // most + 1
         self._samples = Samples(positions[::step], normals[::step])
         self._shaded = Shaded.of(positions, corners, normals[corners], tick)
 
     def largest_angles(
-        self, positions: FloatArray, corners: IndexArray, normals: FloatArray | None, limit: float | None, tick: Tick
+        self,
+        positions: FloatArray,
+        corners: IndexArray,
+        normals: FloatArray | None,
+        limit: float | None,
+        tick: Tick,
+        counts: BoolArray | None = None,
     ) -> FloatArray:
         """(T,) float64, radians: the largest angle found at each triangle of a drawn mesh, both ways.
 
         positions: (V, 3); corners: (T, 3) intp; normals: (T, 3, 3) unit vectors at their corners, to be interpolated,
         or None for the triangles' own. limit: the angle to decide for each triangle; with None only the largest of all
-        angles is found, and others may be missing.
+        angles is found, and others may be missing. counts: (T,) the triangles to look at, by default all.
         """
         drawn = Shaded.of(positions, corners, normals, tick)
+        counts = np.ones(len(corners), dtype=bool) if counts is None else counts
         found = np.zeros(len(corners))
-        for samples, other in ((_drawn_samples(drawn), self._shaded), (self._samples, drawn)):
-            self._compare(samples, other, limit, found, tick)
+        for samples, other in ((_drawn_samples(drawn, counts), self._shaded), (self._samples, drawn)):
+            enough = max(found.max(initial=0.0), FLOOR) if limit is None else limit
+            angles, which = self._compare(samples, other, enough, counts, tick, only_largest=limit is None)
+            np.maximum.at(found, which, angles)
         return found
+
+    def kept_by(
+        self, positions: FloatArray, corners: IndexArray, normals: FloatArray | None, limit: float, tick: Tick
+    ) -> SampledSurface:
+        """The surface with the samples alone that have at most an angle (radians) with a drawn mesh. As no part of it
+        is too narrow for this mesh, none is left out with others."""
+        kept = copy(self)
+        kept._leaves_out_narrow = False
+        drawn, counts = Shaded.of(positions, corners, normals, tick), np.ones(len(corners), dtype=bool)
+        is_kept = kept._compare(self._samples, drawn, limit, counts, tick)[0] <= limit
+        kept._samples = Samples(self._samples.places[is_kept], self._samples.normals[is_kept])
+        return kept
 
     def normals_of(self, positions: FloatArray, corners: IndexArray, same: float, tick: Tick) -> FloatArray:
         """(T, 3, 3): the normals of the surface for the corners of triangles (T, 3), each on the triangle's own side.
@@ -145,8 +171,18 @@ class SampledSurface:
             tick()
         return result.reshape(*corners.shape, 3)
 
-    def _compare(self, samples: Samples, other: Shaded, limit: float | None, found: FloatArray, tick: Tick) -> None:
-        """Raise the angles found at triangles by those at samples, against the points of the other side."""
+    def _compare(
+        self,
+        samples: Samples,
+        other: Shaded,
+        enough: float,
+        counts: BoolArray,
+        tick: Tick,
+        *,
+        only_largest: bool = False,
+    ) -> tuple[FloatArray, IndexArray]:
+        """(N,) twice: the angles of samples with the other side, 0 for those that do not count or are hardly above
+        ``enough``; and the triangles they belong to. only_largest: look at a part, for the largest of all."""
         angles, which, reach = np.empty((3, len(samples.places)))
         for part in chunks(len(angles), AT_ONCE):
             nearest = nearest_triangles(other.triangles, samples.places[part])
@@ -154,34 +190,38 @@ class SampledSurface:
             which[part], reach[part] = nearest.which, nearest.distances
             tick()
         triangles = which.astype(np.intp) if samples.triangles is None else samples.triangles
-        np.maximum(reach, self._tolerance, out=reach)
-        order = np.argsort(-angles, kind="stable")
-        for block in index_chunks(order[:MOST_LOOKED_AT] if limit is None else order, LOOKED_AT):
-            enough = max(found.max(), FLOOR) if limit is None else limit
+        angles[~counts[triangles]] = 0.0
+        np.maximum(reach, REACH * self._tolerance, out=reach)
+        found, looked_at = np.zeros(len(angles)), 0
+        for block in index_chunks(np.argsort(-angles, kind="stable"), LOOKED_AT):
             block = block[angles[block] > enough]
-            if not len(block):
+            if not len(block) or (only_largest and looked_at >= MOST_LOOKED_AT):
                 break
-            smallest, counts = self._smallest(samples, block, reach[block], other)
-            np.maximum.at(found, triangles[block[counts]], smallest[counts])
+            found[block] = self._smallest(samples, block, reach[block], other)
+            if only_largest:
+                enough = max(enough, found[block].max())
+                looked_at += np.count_nonzero(found[block])
             tick()
+        return found, triangles
 
-    def _smallest(
-        self, samples: Samples, block: IndexArray, reach: FloatArray, other: Shaded
-    ) -> tuple[FloatArray, BoolArray]:
-        """(n,): the smallest angles of samples with points within reach; and whether these samples count."""
+    def _smallest(self, samples: Samples, block: IndexArray, reach: FloatArray, other: Shaded) -> FloatArray:
+        """(n,): the smallest angles of samples with points within reach, 0 for those that do not count."""
         places, own = samples.places[block], samples.normals[block]
-        owners, normals, _ = _within(places, reach, other)
+        owners, normals, distances = _within(places, reach, other)
         angles = _angles(own[owners], normals)
         best = first_of_each(owners, angles, len(block))
+        if not self._leaves_out_narrow:
+            return angles[best]
         if other is self._shaded:
-            own = normals[best]
+            own, is_near = normals[best], distances <= self._tolerance
+            owners, normals = owners[is_near], normals[is_near]
         else:
             owners, normals, _ = _within(places, np.full(len(block), self._tolerance), self._shaded)
         turns = _angles(own[owners], normals)
         turn = np.zeros(len(block))
         # Beyond a right angle it is another sheet.
         np.maximum.at(turn, owners, np.where(turns < np.pi / 2, turns, 0.0))
-        return angles[best], turn < angles[best]
+        return np.where(turn < angles[best], angles[best], 0.0)
 
 
 def _within(places: FloatArray, reach: FloatArray, shaded: Shaded) -> tuple[IndexArray, FloatArray, FloatArray]:
@@ -218,9 +258,9 @@ def _facet_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
     return units(np.cross(b - a, c - a))
 
 
-def _drawn_samples(drawn: Shaded) -> Samples:
-    """Samples of all triangles with an area: their corners, and points in even steps between."""
-    has_area = np.flatnonzero(drawn.triangles.normals.any(axis=1))
+def _drawn_samples(drawn: Shaded, counts: BoolArray) -> Samples:
+    """Samples of the triangles that count and have an area: their corners, and points in even steps between."""
+    has_area = np.flatnonzero(counts & drawn.triangles.normals.any(axis=1))
     steps = next((n for n in DRAWN_STEPS if len(has_area) * (n + 1) * (n + 2) // 2 <= MOST_SAMPLES), DRAWN_STEPS[-1])
     weights = np.array([(i, j, steps - i - j) for i in range(steps + 1) for j in range(steps + 1 - i)]) / steps
     places, normals = (
@@ -230,7 +270,9 @@ def _drawn_samples(drawn: Shaded) -> Samples:
     return Samples(places, units(normals), np.tile(has_area, len(weights)))
 
 
-def _fine_mesh(control: PolygonMesh, closest: float, tick: Tick) -> tuple[FloatArray, FloatArray, IndexArray]:
+def _fine_mesh(
+    control: PolygonMesh, closest: float, most: int, tick: Tick
+) -> tuple[FloatArray, FloatArray, IndexArray]:
     """Positions (N, 3) and normals (N, 3) of samples of the limit surface, and triangles (T, 3) between them.
 
     Each quarter of a control face has a grid of its own, which becomes twice as fine until neighbours are ``closest``
@@ -250,7 +292,7 @@ def _fine_mesh(control: PolygonMesh, closest: float, tick: Tick) -> tuple[FloatA
         for one, other in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[:, :, 1:], np.s_[:, :, :-1])):
             is_close = lengths(positions[one] - positions[other]) <= closest
             is_fine &= (is_close | (dot_products(normals[one], normals[other]) >= np.cos(TURN))).all(axis=(1, 2))
-        if total + 4 * len(grid) * np.count_nonzero(~is_fine) > MOST_SAMPLES:
+        if total + 4 * len(grid) * np.count_nonzero(~is_fine) > most:
             is_fine[:] = True
         total += int(np.count_nonzero(is_fine)) * len(grid)
         quads = np.arange(len(grid)).reshape(steps + 1, steps + 1)

@@ -16,7 +16,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..deviation import Deviation, SampledSurface, measure_deviation
 from ..deviation.triangles import Triangles
 from ..mesh.polygon_mesh import PolygonMesh
-from ..progress import Progress
+from ..progress import Progress, no_report
 from .sampled_distances import Places, SampledDistances, nearest_of
 
 # The largest and the least part of the mergeable triangles that an attempt is to merge.
@@ -48,15 +48,17 @@ SAME_SIDE = np.radians(10.0)
 LARGE_TURNED = 0.05
 
 # The number of samples of the surface for angles.
-SURFACE_SAMPLES = 1 << 16
+SURFACE_SAMPLES = 1 << 17
 
 
 @dataclass(frozen=True)
 class TriangleMesh:
-    """A mesh of triangles. positions: (V, 3) float64; corners: (T, 3) intp, the vertices of each triangle."""
+    """A mesh of triangles. positions: (V, 3) float64; corners: (T, 3) intp, the vertices of each triangle;
+    is_smooth: (T,), whether they are shaded smooth."""
 
     positions: FloatArray
     corners: IndexArray
+    is_smooth: BoolArray
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class Reduction:
         shading_angle: float = 0.0,
         facet_angle: float = 0.0,
     ) -> None:
-        self.current = start
+        self.current = self._start = start
         self.proof: Proof | None = None
         self._control, self._limit = control, limit
         self._shading_angle, self._facet_angle = shading_angle, facet_angle
@@ -116,10 +118,10 @@ class Reduction:
 
     def beyond(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
         """(V,) bool: the vertices of the current mesh near faulty triangles of another mesh, with samples hardly within
-        the limit, or with the same vertices as another triangle."""
+        the limit or beyond an angle, or with the same vertices as another triangle."""
         triangles = self._triangles(mesh, progress)
         distances = self._distances(mesh, triangles, progress)
-        bad = (distances > NEARLY_BEYOND * self._limit) | has_double(mesh.corners)
+        bad = (distances > NEARLY_BEYOND * self._limit) | has_double(mesh.corners) | self._turned(mesh, progress)
         return self._around(triangles, bad, progress)
 
     def attempt(self) -> Attempt | None:
@@ -181,16 +183,29 @@ class Reduction:
     def _surface(self) -> SampledSurface:
         return SampledSurface(self._control, self._limit, lambda: None, SURFACE_SAMPLES)
 
+    @cached_property
+    def _surface_for_shading(self) -> SampledSurface:
+        start, tick = self._start, lambda: None
+        return self._surface.kept_by(
+            start.positions, start.corners, self.normals(start, no_report), self._shading_angle, tick
+        )
+
+    @cached_property
+    def _surface_for_facets(self) -> SampledSurface:
+        return self._surface.kept_by(self._start.positions, self._start.corners, None, self._facet_angle, lambda: None)
+
     def _turned(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
-        """(T,) bool: the triangles with samples beyond an angle, except for those that cannot be merged."""
-        turned = np.zeros(len(mesh.corners), dtype=bool)
-        for angle, is_shading in ((self._shading_angle, True), (self._facet_angle, False)):
-            if angle:
-                normals = self.normals(mesh, progress) if is_shading else None
-                drawn = mesh.positions, mesh.corners, normals
-                turned |= self._surface.largest_angles(*drawn, angle, lambda: progress(0.0)) > angle
-        is_fixed = is_among(mesh.positions, self.current.positions[self._is_fixed])
-        return turned & ~is_fixed[mesh.corners].all(axis=1)
+        """(T,) bool: the triangles with samples beyond an angle, except for those of the current mesh. What the start
+        does not keep does not count."""
+        is_new = ~is_among(_rows_of_triangles(mesh), _rows_of_triangles(self.current))
+        turned, tick = np.zeros(len(mesh.corners), dtype=bool), lambda: progress(0.0)
+        drawn, is_smooth = (mesh.positions, mesh.corners), is_new & mesh.is_smooth
+        if (angle := self._shading_angle) and is_smooth.any():
+            normals = self.normals(mesh, progress)
+            turned |= self._surface_for_shading.largest_angles(*drawn, normals, angle, tick, is_smooth) > angle
+        if angle := self._facet_angle:
+            turned |= self._surface_for_facets.largest_angles(*drawn, None, angle, tick, is_new) > angle
+        return turned
 
     def _triangles(self, mesh: TriangleMesh, progress: Progress) -> Triangles:
         return Triangles.of(mesh.positions, mesh.corners, lambda: progress(0.0))
@@ -219,8 +234,9 @@ class Reduction:
         self.current, self._refusals = mesh, 0
         if proof is not None:
             self.proof = proof
-        # Errors grow about as triangles become fewer.
-        self._share = float(np.clip(1 - reached / self._limit, LEAST_SHARE, LARGEST_SHARE))
+        # Errors grow about as triangles become fewer; angles stop merging earlier.
+        largest = NEXT_SHARE * self._share if self._shading_angle or self._facet_angle else LARGEST_SHARE
+        self._share = float(np.clip(1 - reached / self._limit, LEAST_SHARE, max(largest, LEAST_SHARE)))
 
     def _reject(self, triangles: Triangles, bad: BoolArray, progress: Progress, *, is_local: bool = False) -> None:
         """Fix the vertices around bad triangles, or merge fewer. is_local: whether fixing helps after all attempts."""
@@ -261,7 +277,14 @@ def has_double(corners: IndexArray) -> BoolArray:
     return found
 
 
-def is_among(positions: FloatArray, others: FloatArray) -> BoolArray:
-    """(V,) bool: whether each of the positions (V, 3) is exactly among others (N, 3)."""
-    rows, known = (np.ascontiguousarray(each + 0.0).view("V24").ravel() for each in (positions, others))
-    return np.isin(rows, known)
+def is_among(rows: FloatArray, others: FloatArray) -> BoolArray:
+    """(N,) bool: whether each of the rows (N, d) is exactly among others (M, d)."""
+    found, known = (np.ascontiguousarray(each + 0.0).view(f"V{8 * each.shape[1]}").ravel() for each in (rows, others))
+    return np.isin(found, known)
+
+
+def _rows_of_triangles(mesh: TriangleMesh) -> FloatArray:
+    """(T, 9): the corners' positions of each triangle, from its least vertex on."""
+    corners = mesh.positions[mesh.corners]
+    first = np.lexsort(np.moveaxis(corners, 2, 0)[::-1], axis=1)[:, :1]
+    return np.take_along_axis(corners, ((first + np.arange(3)) % 3)[..., None], axis=1).reshape(len(corners), 9)
