@@ -22,14 +22,14 @@ from ..distance.pieces import Form
 from .leaf_bounds import bound_at_equal, drawn_tiles, joined_by_points
 from .leaf_normals import are_semi_sharp, leaf_normals
 from .leaf_triangles import LeafTriangles
-from .paired_triangles import MeasuredPieces, PairedTriangles
+from .paired_triangles import MeasuredAngles, MeasuredPieces, PairedTriangles
 from .plan import Plan
 from .quad_normals import are_narrow, ways_of_normals
 from .rectangle_tree import QUARTERS
 from .surface_pieces import pieces_of_tiles
 
 # Leaves, and pieces, worked through together.
-LEAVES_AT_ONCE, PIECES_AT_ONCE = 1 << 11, 1 << 10
+LEAVES_AT_ONCE, PIECES_AT_ONCE = 1 << 11, 1 << 9
 
 # The rest around a vertex has at most about this size, in parts of the limit and of its leaf.
 REST_OF_LIMIT, REST_OF_LEAF = 0.25, 1 / 64
@@ -92,25 +92,29 @@ def bound_angles(plan: Plan, leaves: IndexArray) -> None:
     pieces = [*_pieces(plan, leaves, triangles, corners)]
     angles, distances = np.full((2, len(leaves)), np.inf), np.full(len(leaves), np.inf)
 
-    def put(chosen: BoolArray, found: FloatArray, off: FloatArray) -> None:
-        paired = chosen & (off <= plan.request.reach)
-        largest = np.maximum.reduceat(found + drawn.allowances, firsts[:-1], axis=1)
-        angles[:, paired] = np.minimum(angles[:, paired], largest[:, paired])
-        within = chosen & (off <= limit)
+    def prove(drawn: PairedTriangles, added: FloatArray, off: FloatArray, *, is_along_axis: bool) -> None:
+        """Bound the angles of pairs that are near enough, and note distances within the limit."""
+        within, paired = off <= limit, (off <= plan.request.reach) & (angles > wanted).any(axis=0)
         distances[within] = np.minimum(distances[within], off[within])
+        found = MeasuredAngles.none(drawn, wanted[:, triangles.leaves] - added, is_along_axis=is_along_axis)
+        for some, form, is_narrow in _of_leaves(pieces, drawn, paired):
+            if form.quarters and not is_narrow:
+                found.include(some, form)
+        largest = np.maximum.reduceat(found.angles + added, firsts[:-1], axis=1)
+        angles[:, paired] = np.minimum(angles[:, paired], largest[:, paired])
 
-    every = np.ones(len(leaves), dtype=bool)
-    found = MeasuredPieces.none(drawn, wanted[:, triangles.leaves])
-    for some, form, is_narrow in _of_leaves(pieces, drawn, every):
-        found.include_at_equal(some, form, is_narrow=is_narrow)
-    off = found.distances_at_equal() + approximation.thickness
-    put(every, found.angles, np.minimum(off, plan.at_equal.values[leaves]))
+    at_equal = MeasuredPieces.none(drawn)
+    for some, _, _ in _of_leaves(pieces, drawn, np.ones(len(leaves), dtype=bool)):
+        at_equal.include_at_equal(some)
+    off = np.minimum(at_equal.distances_at_equal() + approximation.thickness, plan.at_equal.values[leaves])
+    prove(drawn, drawn.allowances, off, is_along_axis=False)
     is_left = (angles > wanted).any(axis=0) | np.isinf(distances)
-    found = MeasuredPieces.none(drawn.along_common_axes(), wanted[:, triangles.leaves])
-    for some, form, is_narrow in _of_leaves(pieces, drawn, is_left):
-        found.include_along_axis(some, form, is_narrow=is_narrow)
-    paired, off = found.pairs_along_axis()
-    put(is_left, paired, off + approximation.thickness)
+    along = MeasuredPieces.none(drawn.along_common_axes())
+    for some, form, _ in _of_leaves(pieces, drawn, is_left):
+        along.include_along_axis(some, form)
+    added, off = along.pairs_along_axis()
+    off = np.where(is_left, off + approximation.thickness, np.inf)
+    prove(along.triangles, drawn.allowances + added, off, is_along_axis=True)
     plan.shading.values[leaves], plan.facets.values[leaves] = angles
     plan.paired.values[leaves] = distances
     plan.report()
