@@ -68,6 +68,20 @@ def test_a_leaf_has_near_points_within_its_angle_both_ways(seed: int) -> None:
         assert np.arccos(np.clip(cosines, -1, 1)).max() <= angle + turn / STEPS
 
 
+@pytest.mark.parametrize("step", [1, 2])
+def test_a_polygon_that_goes_round_twice_has_no_pairs(step: int) -> None:
+    """All triangles of its fan face its normal, but lie over each other."""
+    turns = 2 * np.pi * np.arange(5) / 5
+    corners = np.stack([np.cos(turns), np.sin(turns), np.zeros(5)], axis=1)
+    polygon = meshes.MeshData(corners, np.array([5]), step * np.arange(5) % 5)
+    plan = Plan(meshes.build(polygon), AdaptiveRequest(10.0, Mode.ADAPTIVE, 1000, shading=1.2), no_report)
+    leaves = np.array([0])
+    plan.approximate(leaves)
+    bound_at_equal(plan, leaves)
+    bound_angles(plan, leaves)
+    assert np.isfinite(plan.shading.values[0]) == np.isfinite(plan.paired.values[0]) == (step == 1)
+
+
 def drawn_of(plan: Plan, leaf: int) -> tuple[NDArray, NDArray]:
     """(N, 3) twice: points of the drawn triangles of a whole quad, and their interpolated normals."""
     tree, nodes = plan.tree, np.array([leaf])
