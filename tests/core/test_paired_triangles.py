@@ -88,7 +88,7 @@ def drawn_of(plan: Plan, leaf: int) -> tuple[NDArray, NDArray]:
     approximation = plan.approximation(nodes)
     number = int(template_numbers(approximation.patterns, approximation.alternatives)[0])
     positions = plan.positions.of(tree.slot_vertices[tree.slots(nodes)])
-    normals = leaf_normals(plan, nodes)[0][0]
+    normals = leaf_normals(plan, nodes)[0]
     weights = np.array([(i, j, STEPS - i - j) for i in range(STEPS + 1) for j in range(STEPS + 1 - i)]) / STEPS
     triangles = TRIANGLES[number, : TRIANGLE_COUNTS[number]]
     points, directions = (

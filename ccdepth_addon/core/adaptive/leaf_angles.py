@@ -57,7 +57,7 @@ def proved_angles(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, BoolArray
     counts = np.isfinite(limits)
     is_narrow = (counts & ~(angles <= limits)).any(axis=0)
     own = np.where(counts[0], angles[0], np.where(counts[1], angles[1], 0.0))
-    return np.where(is_narrow | np.isnan(own), 0.0, own), is_narrow | plan.is_sharp.values[leaves]
+    return np.where(is_narrow | np.isnan(own), 0.0, own), is_narrow | plan.has_narrow.values[leaves]
 
 
 def are_narrow_leaves(plan: Plan, leaves: IndexArray) -> BoolArray:
@@ -129,6 +129,7 @@ def _pieces(
     for tiles in joined_by_points(drawn_tiles(plan, leaves, _levels(plan, leaves))):
         sizes = _sizes(tiles.tiles)
         narrow = semi_sharp[tiles.leaves] & (sizes.min(axis=0) < plan.request.reach)
+        plan.has_narrow.values[leaves[tiles.leaves[narrow]]] = True
         narrow |= sizes.max(axis=0) < REST_OF_LIMIT * plan.request.limit
         for is_narrow in (False, True):
             some = tiles.at(np.flatnonzero(narrow == is_narrow))
@@ -175,7 +176,7 @@ def _sizes(tiles: Tiles) -> FloatArray:
 def _stored_normals(plan: Plan, leaves: IndexArray, triangles: LeafTriangles) -> FloatArray:
     """(M, 3, 3): the normals at the corners of triangles; at the means of polygons the mean of their normals."""
     tree, slots, counts = plan.tree, plan.tree.slots(leaves), plan.tree.slot_counts(leaves)
-    stored, plan.is_sharp.values[leaves] = leaf_normals(plan, leaves)
+    stored = leaf_normals(plan, leaves)
     owners = np.repeat(np.arange(len(leaves)), counts)
     count = len(tree.vertex_edges) + len(leaves)
     middles = tree.midpoints[tree.slot_edges[slots]]

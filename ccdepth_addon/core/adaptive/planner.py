@@ -84,8 +84,7 @@ def subdivide_adaptively(
 
 def _corner_normals(plan: Plan, tessellation: TessellationPlan) -> FloatArray:
     """(C, 3): the unit normals to store at the corners of the mesh, in its space."""
-    stored, _ = leaf_normals(plan, tessellation.leaves)
-    axes = plan.request.axes
+    stored, axes = leaf_normals(plan, tessellation.leaves), plan.request.axes
     # Normals go by the inverse transpose; a mirrored object's faces are turned over.
     return units(at_corners(tessellation, stored) @ axes) * np.sign(np.linalg.det(axes))
 
