@@ -25,9 +25,12 @@ from tests.thorough import each
 LEVEL = 6
 MOST_FACES = 100_000
 
-# Facets of the deep level turn by so much, in degrees, on the meshes here: at level 6 a face that turns by 60 degrees
-# has facets 1 degree apart.
-FACETS_APART = 1.0
+# A sample stands for the points around it, whose normals turn by as much as those of its nearest samples, of which
+# there are so many; by more than this, in degrees, they turn at a crease.
+NEAREST, CREASED = 9, 20.0
+
+# Single precision turns the facets of the deep level by less, in degrees.
+ROUNDING = 0.1
 
 # Points are compared within twice the tolerance; samples lie this part of the tolerance apart.
 SPACING = 0.4
@@ -128,11 +131,26 @@ def facets_of_level(data: meshes.MeshData, level: int) -> tuple[NDArray, NDArray
 
 
 def angles_apart(points: NDArray, normals: NDArray, others: NDArray, their_normals: NDArray, radius: float) -> NDArray:
-    """(N,) in degrees: the least angle of each point's normal to the normals of others within a radius."""
-    near = cKDTree(others).query_ball_point(points, radius)
+    """(N,) in degrees: the least angle of each point's normal to the normals of others within a radius, and of what
+    these stand for."""
+    tree = cKDTree(others)
+    near = tree.query_ball_point(points, radius)
     assert all(near), "some point has no other near"
-    cosines = [(their_normals[own] @ normal).max() for own, normal in zip(near, normals, strict=True)]
-    return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    used = np.unique(np.concatenate([np.array(own) for own in near]))
+    around = their_normals[tree.query(others[used], NEAREST)[1]]
+    turns = degrees_between(around, their_normals[used, None])
+    turn = np.zeros(len(others))
+    turn[used] = np.where(turns < CREASED, turns, 0.0).max(axis=1)
+    return np.array(
+        [
+            (degrees_between(their_normals[own], normal) - turn[own]).min()
+            for own, normal in zip(near, normals, strict=True)
+        ]
+    )
+
+
+def degrees_between(one: NDArray, other: NDArray) -> NDArray:
+    return np.degrees(np.arccos(np.clip((one * other).sum(axis=-1), -1.0, 1.0)))
 
 
 @pytest.mark.parametrize(("tolerance", "shading", "facets"), [(5e-3, 8.0, 20.0)])
@@ -165,16 +183,16 @@ def assert_within(
         proved = np.degrees(found.angles[faces[owners]])
         some = generator.permutation(np.flatnonzero(proved > 0))[: 2 * count]
         there = angles_apart(points[some], directions[some], middles, surface, 2 * limit + longest)
-        assert (there <= FACETS_APART + np.where(angle == shading, proved[some], angle)).all()
+        assert (there <= ROUNDING + np.where(angle == shading, proved[some], angle)).all()
         if found.narrow_count == 0:
             back = angles_apart(middles[chosen], surface[chosen], points, directions, (2 + SPACING) * limit)
-            assert back.max() <= angle + FACETS_APART
+            assert back.max() <= angle + ROUNDING
 
 
 @pytest.mark.parametrize("seed", each(range(400), (3, 25, 40, 61)))
 def test_random_meshes_keep_the_angles(seed: int) -> None:
     generator, data = np.random.default_rng(seed), random_mesh(seed)
-    tolerance, shading = generator.choice([3e-2, 1e-2, 4e-3]), generator.choice([3.0, 8.0, 20.0, 45.0])
+    tolerance, shading = generator.choice([3e-2, 1.5e-2, 8e-3]), generator.choice([3.0, 8.0, 20.0, 45.0])
     facets = generator.choice([0.0, 0.0, 15.0, 30.0])
     assert_within(data, made(data, tolerance, shading, facets), tolerance, shading, facets, count=800)
 
