@@ -69,7 +69,7 @@ def test_the_manual_has_its_pictures_and_links() -> None:
     folder = CHECKOUT / "ccdepth_addon" / "manual"
     page = (folder / "index.html").read_text(encoding="utf-8")
     pictures = re.findall(r'src="([^"]+)"', page)
-    assert sorted(pictures) == sorted(path.name for path in folder.glob("*.png"))
+    assert sorted(pictures) == sorted(path.name for path in folder.glob("*.[jp]*g"))
     assert not re.search(r"\*\*|\]\(|`", page)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
 from .attributes import CUSTOM_NORMAL, FREE_NORMALS
-from .blender_arrays import WriteError, find_attribute, read_values, write_attribute
+from .blender_arrays import find_attribute, read_values, write_attribute
 from .data_blocks import unused_name
 
 # The prefix of temporary attributes for custom normals.
@@ -24,13 +24,11 @@ def normals_of_surface(control: PolygonMesh, subdivided: SubdividedMesh) -> NDAr
 def write_normals(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: bool) -> None:
     """Shade a new mesh, which has its positions, with normals (C, 3) at the corners of its smooth faces.
 
-    deformable: whether the normals have to follow moving vertices, as only normals stored as angles do. Raises
-    WriteError if another attribute has their name.
+    deformable: whether the normals have to follow moving vertices, as only normals stored as angles do. Another
+    attribute with their name gets a number.
     """
     if CUSTOM_NORMAL in mesh.attributes:
-        raise WriteError(
-            f"the mesh has an attribute of its own called “{CUSTOM_NORMAL}”, where exact normals go; rename it"
-        )
+        mesh.attributes[CUSTOM_NORMAL].name = unused_name(CUSTOM_NORMAL, mesh.attributes)
     _store(mesh, normals, deformable=deformable)
 
 

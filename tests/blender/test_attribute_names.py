@@ -108,6 +108,20 @@ def test_every_kind_of_attribute_is_carried_over(case: tuple[int, bool]) -> None
         assert others <= {*held, *addon.ATTRIBUTES}
 
 
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_an_attribute_with_the_name_of_exact_normals_gets_another(domain: str) -> None:
+    holder = uneven()
+    holder.data.shade_smooth()
+    if add(holder, "custom_normal", "FLOAT", domain) is None:
+        pytest.skip("this Blender keeps the name for itself")
+    kept = scene.read(holder.data, "custom_normal")
+    [result] = subdivide(holder, tolerance=TOLERANCE, exact_normals=True)
+    assert result.data.has_custom_normals
+    made = result.data.attributes["custom_normal_0"]
+    assert (made.data_type, made.domain) == ("FLOAT", domain)
+    assert kept[0] in scene.read(result.data, "custom_normal_0")
+
+
 def is_kept_to_itself(name: str, data_type: str, domain: str) -> bool:
     """What belongs to the coarse faces: custom normals, and parts that are hidden or selected, by their own rules."""
     if name == "custom_normal":

@@ -194,15 +194,6 @@ REFUSALS: dict[str, Refusal] = {
         )
         for data_type, domain in (("INT", "FACE"), ("FLOAT", "POINT"))
     },
-    **{
-        f"normals on {domain}": Refusal(
-            lambda domain=domain: with_attribute("custom_normal", "FLOAT", domain),
-            "Cube: .*called “custom_normal”.*rename it",
-            ("subdivide",),
-            {"exact_normals": True},
-        )
-        for domain in ("POINT", "EDGE", "FACE", "CORNER")
-    },
     "a simulation": Refusal(lambda: cube(modifier="CLOTH"), "Cube: .*“Cloth” is a simulation", ALL),
     "an edge crease that is no number": Refusal(
         lambda: with_attribute("crease_edge", "FLOAT", "EDGE"),

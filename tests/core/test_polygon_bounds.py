@@ -85,6 +85,21 @@ def test_no_way_to_draw_it_is_farther_from_the_fan_than_it_is_thick(
             assert_near(loop.vertices[np.array(way)], fan, allowed)
 
 
+@often
+@given(seed=seeds, size=st.integers(5, 9), tilt=st.floats(-2.0, 2.0), **shapes)
+def test_a_fan_that_faces_a_direction_covers_a_region_once_along_it(
+    seed: int, size: int, tilt: float, unevenness: float, height: float, bent_share: float
+) -> None:
+    """Also where the region is one along Blender's line alone: both directions are in a cone where the fan faces."""
+    loop = loops.random_loop(seed, size, unevenness, height, bent_share)
+    thickness, normal = loop.thickness(np.array([[1.0, tilt, 0.0], [0.0, 1.0, tilt], [0.0, 0.0, 1.0]]))
+    spokes = loops.seen_along(loop.vertices - loop.corners.mean(axis=0), normal)
+    following = np.roll(spokes, -1, axis=0)
+    sines = spokes[:, 0] * following[:, 1] - spokes[:, 1] * following[:, 0]
+    if np.isfinite(thickness) and (sines > 0).all():
+        assert np.arctan2(sines, (spokes * following).sum(axis=1)).sum() == pytest.approx(2 * np.pi)
+
+
 UNEVEN = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, -20.0], [0.0, 0.0, 1.0]])
 
 # Too uneven for Blender's triangles to be known.

@@ -22,14 +22,14 @@ from ..distance.pieces import Form
 from .leaf_bounds import bound_at_equal, drawn_tiles, joined_by_points
 from .leaf_normals import are_semi_sharp, leaf_normals
 from .leaf_triangles import LeafTriangles
-from .paired_triangles import MeasuredPieces, PairedTriangles
+from .paired_triangles import MeasuredAngles, MeasuredPieces, PairedTriangles
 from .plan import Plan
 from .quad_normals import are_narrow, ways_of_normals
 from .rectangle_tree import QUARTERS
 from .surface_pieces import pieces_of_tiles
 
 # Leaves, and pieces, worked through together.
-LEAVES_AT_ONCE, PIECES_AT_ONCE = 1 << 11, 1 << 10
+LEAVES_AT_ONCE, PIECES_AT_ONCE = 1 << 11, 1 << 9
 
 # The rest around a vertex has at most about this size, in parts of the limit and of its leaf.
 REST_OF_LIMIT, REST_OF_LEAF = 0.25, 1 / 64
@@ -57,7 +57,7 @@ def proved_angles(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, BoolArray
     counts = np.isfinite(limits)
     is_narrow = (counts & ~(angles <= limits)).any(axis=0)
     own = np.where(counts[0], angles[0], np.where(counts[1], angles[1], 0.0))
-    return np.where(is_narrow | np.isnan(own), 0.0, own), is_narrow | plan.is_sharp.values[leaves]
+    return np.where(is_narrow | np.isnan(own), 0.0, own), is_narrow | plan.has_narrow.values[leaves]
 
 
 def are_narrow_leaves(plan: Plan, leaves: IndexArray) -> BoolArray:
@@ -92,25 +92,29 @@ def bound_angles(plan: Plan, leaves: IndexArray) -> None:
     pieces = [*_pieces(plan, leaves, triangles, corners)]
     angles, distances = np.full((2, len(leaves)), np.inf), np.full(len(leaves), np.inf)
 
-    def put(chosen: BoolArray, found: FloatArray, off: FloatArray) -> None:
-        paired = chosen & (off <= plan.request.reach)
-        largest = np.maximum.reduceat(found + drawn.allowances, firsts[:-1], axis=1)
-        angles[:, paired] = np.minimum(angles[:, paired], largest[:, paired])
-        within = chosen & (off <= limit)
+    def prove(drawn: PairedTriangles, added: FloatArray, off: FloatArray, *, is_along_axis: bool) -> None:
+        """Bound the angles of pairs that are near enough, and note distances within the limit."""
+        within, paired = off <= limit, (off <= plan.request.reach) & (angles > wanted).any(axis=0)
         distances[within] = np.minimum(distances[within], off[within])
+        found = MeasuredAngles.none(drawn, wanted[:, triangles.leaves] - added, is_along_axis=is_along_axis)
+        for some, form, is_narrow in _of_leaves(pieces, drawn, paired):
+            if form.quarters and not is_narrow:
+                found.include(some, form)
+        largest = np.maximum.reduceat(found.angles + added, firsts[:-1], axis=1)
+        angles[:, paired] = np.minimum(angles[:, paired], largest[:, paired])
 
-    every = np.ones(len(leaves), dtype=bool)
-    found = MeasuredPieces.none(drawn, wanted[:, triangles.leaves])
-    for some, form, is_narrow in _of_leaves(pieces, drawn, every):
-        found.include_at_equal(some, form, is_narrow=is_narrow)
-    off = found.distances_at_equal() + approximation.thickness
-    put(every, found.angles, np.minimum(off, plan.at_equal.values[leaves]))
+    at_equal = MeasuredPieces.none(drawn)
+    for some, _, _ in _of_leaves(pieces, drawn, np.ones(len(leaves), dtype=bool)):
+        at_equal.include_at_equal(some)
+    off = np.minimum(at_equal.distances_at_equal() + approximation.thickness, plan.at_equal.values[leaves])
+    prove(drawn, drawn.allowances, off, is_along_axis=False)
     is_left = (angles > wanted).any(axis=0) | np.isinf(distances)
-    found = MeasuredPieces.none(drawn.along_common_axes(), wanted[:, triangles.leaves])
-    for some, form, is_narrow in _of_leaves(pieces, drawn, is_left):
-        found.include_along_axis(some, form, is_narrow=is_narrow)
-    paired, off = found.pairs_along_axis()
-    put(is_left, paired, off + approximation.thickness)
+    along = MeasuredPieces.none(drawn.along_common_axes())
+    for some, form, _ in _of_leaves(pieces, drawn, is_left):
+        along.include_along_axis(some, form)
+    added, off = along.pairs_along_axis()
+    off = np.where(is_left, off + approximation.thickness, np.inf)
+    prove(along.triangles, drawn.allowances + added, off, is_along_axis=True)
     plan.shading.values[leaves], plan.facets.values[leaves] = angles
     plan.paired.values[leaves] = distances
     plan.report()
@@ -125,6 +129,7 @@ def _pieces(
     for tiles in joined_by_points(drawn_tiles(plan, leaves, _levels(plan, leaves))):
         sizes = _sizes(tiles.tiles)
         narrow = semi_sharp[tiles.leaves] & (sizes.min(axis=0) < plan.request.reach)
+        plan.has_narrow.values[leaves[tiles.leaves[narrow]]] = True
         narrow |= sizes.max(axis=0) < REST_OF_LIMIT * plan.request.limit
         for is_narrow in (False, True):
             some = tiles.at(np.flatnonzero(narrow == is_narrow))
@@ -171,7 +176,7 @@ def _sizes(tiles: Tiles) -> FloatArray:
 def _stored_normals(plan: Plan, leaves: IndexArray, triangles: LeafTriangles) -> FloatArray:
     """(M, 3, 3): the normals at the corners of triangles; at the means of polygons the mean of their normals."""
     tree, slots, counts = plan.tree, plan.tree.slots(leaves), plan.tree.slot_counts(leaves)
-    stored, plan.is_sharp.values[leaves] = leaf_normals(plan, leaves)
+    stored = leaf_normals(plan, leaves)
     owners = np.repeat(np.arange(len(leaves)), counts)
     count = len(tree.vertex_edges) + len(leaves)
     middles = tree.midpoints[tree.slot_edges[slots]]

@@ -25,14 +25,14 @@ MOST_INSIDE = 0.5
 SHARP = 0.25
 
 
-def leaf_normals(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, BoolArray]:
+def leaf_normals(plan: Plan, leaves: IndexArray) -> FloatArray:
     """(2, S, 3): unit normals at the slots of leaves, at the corners and at the middles of the sides after them, leaf
-    by leaf, in the space of the mesh; and (n,) bool: whether a leaf stores any from inside."""
+    by leaf, in the space of the mesh."""
     tree = plan.tree
     counts = tree.slot_counts(leaves)
     starts = np.cumsum(counts) - counts
     found = np.empty((2, int(counts.sum()), 3))
-    is_sharp, are_bicubic = np.zeros(len(leaves), dtype=bool), plan.surfaces.are_bicubic(leaves)
+    are_bicubic = plan.surfaces.are_bicubic(leaves)
     for some in index_chunks(np.flatnonzero(are_bicubic), AT_ONCE):
         own = normals_of_quads(plan.surfaces.coefficients(leaves[some]))
         found[:, starts[some, None] + np.arange(4)] = own.reshape(2, 4, -1, 3).swapaxes(1, 2)
@@ -40,14 +40,12 @@ def leaf_normals(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, BoolArray]
     if len(others):
         slots = np.repeat(starts[others], counts[others])
         slots += np.arange(len(slots)) - np.repeat(np.cumsum(counts[others]) - counts[others], counts[others])
-        found[:, slots], sharp = _normals_of_others(plan, leaves[others])
-        is_sharp[others] = np.logical_or.reduceat(sharp.any(axis=0), np.cumsum(counts[others]) - counts[others])
-    return found, is_sharp
+        found[:, slots] = _normals_of_others(plan, leaves[others])
+    return found
 
 
-def _normals_of_others(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, BoolArray]:
-    """(2, S, 3): the normals of leaves that are not bicubic, as of ``leaf_normals``; and (2, S) bool: whether they are
-    from inside."""
+def _normals_of_others(plan: Plan, leaves: IndexArray) -> FloatArray:
+    """(2, S, 3): the normals of leaves that are not bicubic, as of ``leaf_normals``."""
     tree, angle, counts = plan.tree, plan.request.shading, plan.tree.slot_counts(leaves)
     corners = plan.positions.of(tree.slot_vertices[tree.slots(leaves)])
     starts = np.cumsum(counts) - counts
@@ -59,9 +57,8 @@ def _normals_of_others(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, Bool
     wanted = np.stack([np.ones(len(slots), dtype=bool), tree.hanging(slots)])
     exact = _normals_inside(plan, leaves, np.zeros(len(sides)), wanted)
     turning = wanted & np.repeat(are_semi_sharp(plan, leaves), counts)
-    is_sharp = np.zeros(wanted.shape, dtype=bool)
     if not angle or not turning.any():
-        return exact, is_sharp
+        return exact
     # Parameters on irregular faces are dyadic.
     halvings = np.clip(np.floor(np.log2(np.maximum(sides, 1e-300) / max(plan.request.reach, 1e-300))), 1, 20)
     steps = np.ldexp(1.0, -halvings.astype(np.int32))
@@ -70,7 +67,7 @@ def _normals_of_others(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, Bool
     )
     turned, further = angles_between(exact, inside), angles_between(inside, farther)
     is_sharp = turning & (turned > angle) & (further < SHARP * turned)
-    return np.where(is_sharp[..., None], inside, exact), is_sharp
+    return np.where(is_sharp[..., None], inside, exact)
 
 
 def _normals_inside(plan: Plan, leaves: IndexArray, steps: FloatArray, wanted: BoolArray) -> FloatArray:

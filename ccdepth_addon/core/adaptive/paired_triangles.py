@@ -9,7 +9,6 @@ the surface over one triangle may reach over the next one. docs/normals.md has t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -125,77 +124,28 @@ class PairedTriangles:
 
 
 @dataclass
-class MeasuredPieces:
-    """What the pieces over each of M triangles have at most. angles: (2, M), of shading and facets; off: (M,), at equal
-    parameters; heights: (M,), over the plane; over: (M, 3), how far weights of corners are below 0; bows: (2, M, 3),
-    how far curves over outer sides go away from these sides, and beyond their ends, both seen along the axis; rests:
-    (M,), the sizes of rests; faces: (M,) bool, whether the surface faces along the axis.
-    """
+class MeasuredAngles:
+    """The largest angles, (2, M), of shading and facets, over each of M triangles. limits: (2, M), below which no piece
+    is quartered; an infinite one is not looked at. is_along_axis: whether pairs are along the axis, instead of at equal
+    parameters."""
 
     triangles: PairedTriangles
     limits: FloatArray
+    is_along_axis: bool
     angles: FloatArray
-    off: FloatArray
-    heights: FloatArray
-    over: FloatArray
-    bows: FloatArray
-    rests: FloatArray
-    faces: BoolArray
 
     @staticmethod
-    def none(triangles: PairedTriangles, limits: FloatArray) -> MeasuredPieces:
-        """Nothing measured yet. limits: (2, M), of angles; an infinite one is not looked at."""
-        count = len(triangles.corners)
-        off, heights, rests = np.zeros((3, count))
-        return MeasuredPieces(
-            triangles, limits, np.zeros((2, count)), off, heights, np.zeros((count, 3)), np.zeros((2, count, 3)), rests,
-            np.ones(count, dtype=bool),
-        )  # fmt: skip
+    def none(triangles: PairedTriangles, limits: FloatArray, *, is_along_axis: bool) -> MeasuredAngles:
+        """Nothing measured yet."""
+        return MeasuredAngles(triangles, limits, is_along_axis, np.zeros(limits.shape))
 
-    def include_at_equal(self, pieces: Pieces, form: Form, *, is_narrow: bool) -> None:
-        """Include pieces at equal parameters. is_narrow: whether they are too narrow for their angles to count."""
-        np.maximum.at(self.off, pieces.triangles, off_at_equal(pieces))
-        if form.quarters and not is_narrow:
-            self._include_angles(pieces, form, self._linear_normals)
-
-    def include_along_axis(self, pieces: Pieces, form: Form, *, is_narrow: bool) -> None:
-        """Include pieces along the axis, as in ``include_at_equal``."""
-        parts = pieces.divided(form.quarters) if form.quarters else pieces
-        own, points = parts.triangles, parts.hulls.swapaxes(1, 2)
-        np.maximum.at(self.heights, own, self.triangles.heights(own, points))
-        np.maximum.at(self.over, own, np.maximum(-self.triangles.weights(own, points).min(axis=1), 0.0).T)
-        if not form.quarters:
-            spread = points - points.mean(axis=0)
-            np.maximum.at(self.rests, own, 2 * np.sqrt((spread**2).sum(axis=1).max(axis=0)))
-            return
-        self._include_bows(parts)
-        self._include_facing(pieces)
-        if not is_narrow:
-            self._include_angles(pieces, form, self._normals_along_axis)
-
-    def _linear_normals(self, pieces: Pieces) -> FloatArray:
-        """(2, 2, 3, P): the grid of interpolated normals at equal parameters."""
-        corners = [0, 21, 27] if is_triangle(pieces.hulls) else [0, 12, 15, 3]
-        weights = self.triangles.weights(pieces.triangles, pieces.flats[corners].swapaxes(1, 2))
-        return linear_grid(self._interpolated(pieces.triangles, weights))
-
-    def _normals_along_axis(self, pieces: Pieces) -> FloatArray:
-        """(I, J, 3, P): the grid of interpolated normals at the places of the surface."""
-        weights = self.triangles.weights(pieces.triangles, pieces.hulls.swapaxes(1, 2))
-        return grid_of(self._interpolated(pieces.triangles, weights))
-
-    def _interpolated(self, own: IndexArray, weights: FloatArray) -> FloatArray:
-        """(R, 3, P): normals by the weights (3, R, P) of the corners of triangles (P,)."""
-        stored = self.triangles.normals[own].transpose(1, 2, 0)
-        found: FloatArray = sum(weights[corner][:, None] * stored[corner] for corner in range(3))  # type: ignore[assignment]
-        return found
-
-    def _include_angles(self, pieces: Pieces, form: Form, interpolated: Callable[[Pieces], FloatArray]) -> None:
+    def include(self, pieces: Pieces, form: Form) -> None:
+        """Include pieces, quartered where that may bring them within the limits."""
         for split in range(SPLITS + 1):
             own, triangle = pieces.triangles, is_triangle(pieces.hulls)
             normals, wanted = normal_grid(pieces.hulls.swapaxes(1, 2)), self.limits[:, own]
             angles, reached = np.zeros((2, 2, len(own)))
-            for number, compared in enumerate((interpolated, self._planes)):
+            for number, compared in enumerate((self._interpolated, self._planes)):
                 if np.isfinite(wanted[number]).any():
                     found = largest_angles(normals, compared(pieces), triangle=triangle)
                     angles[number], reached[number] = np.where(np.isfinite(wanted[number]), found, 0.0)
@@ -207,8 +157,58 @@ class MeasuredPieces:
                 return
             pieces = pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
 
+    def _interpolated(self, pieces: Pieces) -> FloatArray:
+        """(I, J, 3, P): the grid of interpolated normals."""
+        own, points = pieces.triangles, pieces.hulls
+        if not self.is_along_axis:
+            points = pieces.flats[[0, 21, 27] if is_triangle(pieces.hulls) else [0, 12, 15, 3]]
+        weights, stored = self.triangles.weights(own, points.swapaxes(1, 2)), self.triangles.normals[own]
+        found = sum(weights[corner][:, None] * stored[:, corner].T for corner in range(3))
+        return grid_of(found) if self.is_along_axis else linear_grid(found)
+
     def _planes(self, pieces: Pieces) -> FloatArray:
         return self.triangles.planes[pieces.triangles].T[None, None]
+
+
+@dataclass
+class MeasuredPieces:
+    """Where the pieces over each of M triangles lie at most. off: (M,), at equal parameters; and along the axis
+    heights: (M,), over the plane; over: (M, 3), how far weights of corners are below 0; bows: (2, M, 3), how far curves
+    over outer sides go away from these sides, and beyond their ends; rests: (M,), the sizes of rests; faces: (M,) bool,
+    whether the surface faces along the axis.
+    """
+
+    triangles: PairedTriangles
+    off: FloatArray
+    heights: FloatArray
+    over: FloatArray
+    bows: FloatArray
+    rests: FloatArray
+    faces: BoolArray
+
+    @staticmethod
+    def none(triangles: PairedTriangles) -> MeasuredPieces:
+        """Nothing measured yet."""
+        count = len(triangles.corners)
+        over, bows, faces = np.zeros((count, 3)), np.zeros((2, count, 3)), np.ones(count, dtype=bool)
+        return MeasuredPieces(triangles, np.zeros(count), np.zeros(count), over, bows, np.zeros(count), faces)
+
+    def include_at_equal(self, pieces: Pieces) -> None:
+        """Include the distances of pieces at equal parameters."""
+        np.maximum.at(self.off, pieces.triangles, off_at_equal(pieces))
+
+    def include_along_axis(self, pieces: Pieces, form: Form) -> None:
+        """Include where pieces lie, seen along the axis."""
+        parts = pieces.divided(form.quarters) if form.quarters else pieces
+        own, points = parts.triangles, parts.hulls.swapaxes(1, 2)
+        np.maximum.at(self.heights, own, self.triangles.heights(own, points))
+        np.maximum.at(self.over, own, np.maximum(-self.triangles.weights(own, points).min(axis=1), 0.0).T)
+        if not form.quarters:
+            spread = points - points.mean(axis=0)
+            np.maximum.at(self.rests, own, 2 * np.sqrt((spread**2).sum(axis=1).max(axis=0)))
+            return
+        self._include_bows(parts)
+        self._include_facing(pieces)
 
     def _include_facing(self, pieces: Pieces) -> None:
         """Note the triangles over which pieces do not face along the axis."""
@@ -243,7 +243,8 @@ class MeasuredPieces:
         return np.where(usable, np.maximum.reduceat(self.off, self.triangles.firsts[:-1]), np.inf)
 
     def pairs_along_axis(self) -> tuple[FloatArray, FloatArray]:
-        """(2, M), the angles of pairs along the axis; and (n,), their distances, infinite where there is no pairing."""
+        """(2, M), what pairs along the axis add to the angles of triangles with the surface over them; and (n,), the
+        distances of pairs, infinite where there is no pairing."""
         drawn, firsts = self.triangles, self.triangles.firsts
         counts = np.diff(firsts)
         bows = np.where(drawn.is_outer, np.hypot(*self.bows), 0.0).max(axis=1)
@@ -253,14 +254,14 @@ class MeasuredPieces:
         shaded, raised, kinks = self._jumps(reach)
         cosines = dot_products(drawn.normals, units(drawn.normals.sum(axis=1))[:, None]).min(axis=1)
         turned = (self._slides(np.repeat(rests, counts)) + shaded) / np.maximum(cosines, LEAST_COSINE)
-        angles = self.angles + np.stack([np.arcsin(np.minimum(turned, 1.0)), kinks])
+        added = np.stack([np.arcsin(np.minimum(turned, 1.0)), kinks])
         tilts = np.sqrt(np.maximum(1 / np.maximum(drawn.cosines, LEAST_COSINE) ** 2 - 1, 0.0))
         flat = np.abs(dot_products(drawn.corners - drawn.corners[:, :1], drawn.planes[:, None])).max(axis=1)
         flat = np.repeat(np.maximum.reduceat(flat, firsts[:-1]), counts)
         heights = self.heights + np.where(drawn.is_polygon, flat, tilts * reach + raised)
         off = np.hypot(reaches, np.maximum.reduceat(heights, firsts[:-1]))
         usable = self.faces & (drawn.areas > 0) & (drawn.cosines > LEAST_COSINE) & (cosines > LEAST_COSINE)
-        return angles, np.where(np.logical_and.reduceat(usable, firsts[:-1]), off, np.inf)
+        return added, np.where(np.logical_and.reduceat(usable, firsts[:-1]), off, np.inf)
 
     def _slides(self, rests: FloatArray) -> FloatArray:
         """(M,): how far interpolated normals, continued, change between the leaf's sides and the curves over them."""

@@ -61,8 +61,8 @@ class Plan:
             self.tree.add_column(np.float64(np.inf)) for _ in range(4)
         )
         self.shading, self.facets = (self.tree.add_column(np.float64(np.nan)) for _ in range(2))
-        # Leaves that store a normal from inside.
-        self.is_sharp = self.tree.add_column(np.bool_(False))
+        # Leaves with parts at semi-sharp edges that are too narrow to count.
+        self.has_narrow = self.tree.add_column(np.bool_(False))
         # Leaves whose bound may have changed with the leaves around.
         self.is_stale = self.tree.add_column(np.bool_(False))
         self._changed = list[IndexArray]()

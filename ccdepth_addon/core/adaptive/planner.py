@@ -29,7 +29,7 @@ from .leaf_normals import leaf_normals
 from .plan import Plan
 from .rectangle_tree import QUARTERS
 from .request import AdaptiveRequest, Mode
-from .subdivided_mesh import SubdividedMesh, face_normals
+from .subdivided_mesh import SubdividedMesh
 from .tessellation import TessellationPlan, at_corners, plan_tessellation, tessellate
 
 
@@ -39,9 +39,9 @@ class AdaptiveMesh:
     depth of each face's base face: the level of the deepest leaf there. leaf_count: the number of leaves of the tree.
 
     angles: (F,) float64, in radians: the proved angle of shading where that counts, otherwise of facets; 0 where none
-    counts, as on leaves that are too narrow. normals: (C, 3) float64, the unit normals to store at the corners, in the
-    space of the result, or None without an angle of shading. narrow_count: the number of leaves with parts too narrow
-    to count.
+    counts, as on leaves that are too narrow. normals: (C, 3) float64, the unit normals to store at corners of smooth
+    faces, in the space of the result, or None without an angle of shading. narrow_count: the number of leaves with
+    parts too narrow to count.
     """
 
     mesh: SubdividedMesh
@@ -78,21 +78,15 @@ def subdivide_adaptively(
     bounds = bounds_both_ways(plan, leaves)[drawn]
     depths = plan.tree.face_levels()[made.base_faces].astype(np.int32)
     angles, is_narrow = proved_angles(plan, leaves)
-    normals = _corner_normals(plan, tessellation, made) if request.shading else None
+    normals = _corner_normals(plan, tessellation) if request.shading else None
     return AdaptiveMesh(made, bounds, depths, len(leaves), angles[drawn], normals, int(np.count_nonzero(is_narrow)))
 
 
-def _corner_normals(plan: Plan, tessellation: TessellationPlan, made: SubdividedMesh) -> FloatArray:
-    """(C, 3): the unit normals to store at the corners of a mesh, in its space: those of its leaves, and on flat faces
-    the faces' own."""
-    stored, _ = leaf_normals(plan, tessellation.leaves)
-    axes = plan.request.axes
+def _corner_normals(plan: Plan, tessellation: TessellationPlan) -> FloatArray:
+    """(C, 3): the unit normals to store at the corners of the mesh, in its space."""
+    stored, axes = leaf_normals(plan, tessellation.leaves), plan.request.axes
     # Normals go by the inverse transpose; a mirrored object's faces are turned over.
-    found = units(at_corners(tessellation, stored) @ axes) * np.sign(np.linalg.det(axes))
-    if plan.request.is_smooth is not None:
-        flat = np.repeat(~plan.request.is_smooth[made.base_faces], np.diff(made.face_starts))
-        found[flat] = np.repeat(face_normals(made), np.diff(made.face_starts), axis=0)[flat]
-    return found
+    return units(at_corners(tessellation, stored) @ axes) * np.sign(np.linalg.det(axes))
 
 
 def plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> tuple[Plan, TessellationPlan]:

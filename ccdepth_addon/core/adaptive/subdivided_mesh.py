@@ -7,10 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
-from ..arrays.vectors import cross_products, units
 from ..surface.surface_points import SurfacePoints
 
 
@@ -53,13 +50,3 @@ class SubdividedMesh:
     @cached_property
     def corner_points(self) -> SurfacePoints:
         return self.find_corner_points()
-
-
-def face_normals(mesh: SubdividedMesh) -> FloatArray:
-    """(F, 3): the unit normals of the faces of a mesh, zero for faces without area."""
-    counts = np.diff(mesh.face_starts)
-    corners = mesh.positions[mesh.corner_vertices]
-    away = corners - np.repeat(corners[mesh.face_starts[:-1]], counts, axis=0)
-    following = np.arange(1, len(corners) + 1)
-    following[mesh.face_starts[1:] - 1] = mesh.face_starts[:-1]
-    return units(np.add.reduceat(cross_products(away, away[following]), mesh.face_starts[:-1]))

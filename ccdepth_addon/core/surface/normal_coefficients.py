@@ -25,6 +25,9 @@ from .triangle_coefficients import DEGREE, counts_of
 # Coefficients this much shorter than the longest are zero up to rounding: the surface has no normal there.
 NO_NORMAL = 1e-12
 
+# Rows of a grid multiplied together: few enough for the caches, and to pass over the zeros of a triangle's grid.
+ROWS = 3
+
 
 def _binomials(degree: int) -> FloatArray:
     return np.array([comb(degree, i) for i in range(degree + 1)], dtype=np.float64)
@@ -107,14 +110,15 @@ def largest_angles(normals: FloatArray, directions: FloatArray, *, triangle: boo
     rows, columns = directions.shape[:2]
     count = normals.shape[-1]
     turned = np.zeros((len(normals) + rows - 1, normals.shape[1] + columns - 1, 4, count))
-    for i, j in product(range(rows), range(columns)):
+    for first, i, j in product(range(0, len(normals), ROWS), range(rows), range(columns)):
         if triangle and i + j >= rows:
             continue
-        own, m = turned[i : i + len(normals), j : j + normals.shape[1]], directions[i, j]
+        some = normals[first : first + ROWS, : len(normals) - first] if triangle else normals[first : first + ROWS]
+        own, m = turned[first + i : first + i + len(some), j : j + some.shape[1]], directions[i, j]
         for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            own[:, :, a] += normals[:, :, b] * m[c]
-            own[:, :, a] -= normals[:, :, c] * m[b]
-            own[:, :, 3] += normals[:, :, a] * m[a]
+            own[:, :, a] += some[:, :, b] * m[c]
+            own[:, :, a] -= some[:, :, c] * m[b]
+            own[:, :, 3] += some[:, :, a] * m[a]
     cosines = turned[:, :, 3]
     sines = turned[:, :, 0] ** 2 + turned[:, :, 1] ** 2 + turned[:, :, 2] ** 2
     squares = cosines**2
