@@ -16,6 +16,7 @@ from ..surface.bicubic import FIRST_DIFFERENCE, apply, largest_norm, tensor
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ..surface.refinement import Refinement
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, PatchStencils, apply_stencils, patch_stencils
+from .tolerance import ToleranceTest
 
 # (P,) base faces, and (4, 4, P, 3) a net or the Bernstein coefficients of S - L for each.
 BasePatches = tuple[IndexArray, FloatArray]
@@ -23,6 +24,10 @@ BasePatches = tuple[IndexArray, FloatArray]
 
 # (9, 16): the mixed differences of a net. Those of points j levels later are averages of these, times 4⁻ʲ.
 TWISTS = tensor(FIRST_DIFFERENCE, FIRST_DIFFERENCE)
+
+
+# The part of the tolerance up to which twists need no better bound.
+SMALL_TWIST = 1 / 16
 
 
 def joined_pieces(pieces: list[BasePatches]) -> BasePatches:
@@ -93,16 +98,15 @@ class RegularPatches:
             self.later = later_bounds(self.compact(), vertices)
         return self.later
 
-    def off_drawn(self, levels: int, vertices: Vertices) -> FloatArray:
+    def off_drawn(self, levels: int, vertices: Vertices, test: ToleranceTest) -> FloatArray:
         """(P,): bounds of the distance between the facets, a number of levels later, and their triangles along either
-        diagonal."""
-        if not len(self.bases):
-            return np.zeros(0)
-        if self.twist is None and vertices is Vertices.LIMIT:
-            nets = self.compact().reshape(16, -1, 3)
-            self.twist = twists(np.ascontiguousarray(nets.swapaxes(1, 2)))
-        elif self.twist is None:
+        diagonal. Levels may not fall from call to call."""
+        if self.twist is None:
             self.twist = largest_norm(apply(TWISTS, self.compact())) / 4
+            large = np.flatnonzero(self.twist * 0.25**levels > SMALL_TWIST * test.tolerance)
+            if vertices is Vertices.LIMIT and len(large):
+                nets = self.nets_of(large).reshape(16, -1, 3)
+                self.twist[large] = twists(np.ascontiguousarray(nets.swapaxes(1, 2)))
         return self.twist * 0.25**levels
 
 

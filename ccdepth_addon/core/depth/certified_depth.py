@@ -60,10 +60,11 @@ OTHER_FACES_TOGETHER = 1 << 15
 
 # The number of times undecided parts are split. Each split multiplies the gap between the bounds by about a quarter for
 # a patch in Bernstein form, by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex, and by a half
-# with only the support known. Bounds of what is drawn are first bounds, for which less is enough.
+# with only the support known. Bounds of what is drawn are first bounds, for which less is enough, and least for regular
+# faces, which have others.
 NET_SPLITS = 3
 DIFFERENCE_SPLITS = 9
-DRAWN_SPLITS = 4
+DRAWN_SPLITS = 1, 4
 REFINEMENTS = 18
 
 # Most undecided pieces in Bernstein form: of a face, before its level is given up, and of all faces at a time.
@@ -75,18 +76,40 @@ LEAST_TURN = 2.0**-40
 
 
 def certified_depths(
-    mesh: PolygonMesh,
-    faces: IndexArray,
-    test: ToleranceTest,
-    vertices: Vertices,
-    tick: Callable[[], None],
-    *,
-    first: int = 0,
-    as_drawn: bool = False,
+    mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
 ) -> Iterator[FaceDepths]:
-    """The certified depths of some faces, in chunks. tick: called while they compute, and may raise. first: the first
-    level to try. as_drawn: whether the distance of triangles counts, along either diagonal, and not of facets."""
-    return map_in_threads(lambda begin: begin().run(first), _searches(mesh, faces, test, vertices, as_drawn), tick)
+    """The certified depths of some faces, in chunks. tick: called while they compute, and may raise."""
+    return map_in_threads(lambda begin: begin().run(), _searches(mesh, faces, test, vertices, False), tick)
+
+
+@dataclass
+class DrawnLevels:
+    """The certified bounds of what is drawn, for triangles along either diagonal, level by level from ``level`` on."""
+
+    mesh: PolygonMesh
+    test: ToleranceTest
+    vertices: Vertices
+    level: int
+    searches: list[_CertifiedSearch] | None = None
+
+    def bounds(self, faces: IndexArray, tick: Callable[[], None]) -> FloatArray:
+        """(n,): the bounds of faces (n,), ascending, at the next level; infinite without a proof. At later levels only
+        faces without a proof may be asked for. tick: called meanwhile, and may raise to stop."""
+        if self.searches is None:
+            self.searches = [begin() for begin in _searches(self.mesh, faces, self.test, self.vertices, True)]
+            for search in self.searches:
+                search.skip_to(self.level)
+        found = np.full(len(faces), np.inf)
+
+        def evaluate(search: _CertifiedSearch) -> LevelBounds:
+            places = np.minimum(np.searchsorted(faces, search.faces), max(len(faces) - 1, 0))
+            return search.next_bounds(self.level, faces[places] == search.faces if len(faces) else search.faces < 0)
+
+        for block in map_in_threads(evaluate, self.searches, tick):
+            is_proved = np.isfinite(block.bounds)
+            found[np.searchsorted(faces, block.faces[is_proved])] = block.bounds[is_proved]
+        self.level += 1
+        return found
 
 
 def certified_level_bounds(
@@ -100,9 +123,10 @@ def certified_level_bounds(
     nearly: bool,
     as_drawn: bool = False,
 ) -> Iterator[LevelBounds]:
-    """The proved bounds of some faces at one level, in chunks. tick, as_drawn: as of ``certified_depths``.
+    """The proved bounds of some faces at one level, in chunks. tick: called while they compute, and may raise.
 
-    nearly: whether bounds have to be as near as in ``certified_depths``; other bounds take less time.
+    nearly: whether bounds have to be as near as in ``certified_depths``; other bounds take less time. as_drawn: whether
+    the distance of triangles counts, along either diagonal, and not of facets.
     """
     searches = _searches(mesh, faces, test, vertices, as_drawn)
     return map_in_threads(lambda begin: begin().at(level, nearly=nearly), searches, tick)
@@ -134,7 +158,7 @@ def _searches(
 class _CertifiedSearch:
     """The search for the depths of some base faces: their patches so far, and the refinement of the rest.
 
-    as_drawn: as of ``certified_depths``. new_patches: the regular patches that appear at the next level to be
+    as_drawn: as of ``certified_level_bounds``. new_patches: the regular patches that appear at the next level to be
     evaluated.
     """
 
@@ -147,14 +171,25 @@ class _CertifiedSearch:
     patches: list[RegularPatches] = field(default_factory=list)
     extraordinary: list[ExtraordinaryPatches] = field(default_factory=list)
 
-    def run(self, first: int) -> FaceDepths:
-        """The depths of the base faces, from a first level on."""
+    def skip_to(self, level: int) -> None:
+        """Refine all base faces up to a level."""
+        for own in range(level):
+            self._collect_patches(own)
+            self._descend(np.ones(len(self.faces), dtype=bool))
+
+    def next_bounds(self, level: int, wanted: BoolArray) -> LevelBounds:
+        """The proved bounds of the wanted base faces (B,) bool at the search's current level; the search goes on to the
+        next level with wanted faces without a proof."""
+        decision = LevelDecision.of(self.test, wanted)
+        settled = self._evaluate_level(decision, level)
+        self._descend(wanted & ~settled)
+        return LevelBounds(self.faces, np.where(settled, decision.bounds(), np.inf))
+
+    def run(self) -> FaceDepths:
+        """The depths of the base faces."""
         depths = FaceDepths.undecided(self.faces)
         wanted = np.ones(len(self.faces), dtype=bool)
-        for level in range(first):
-            self._collect_patches(level)
-            self._descend(wanted)
-        level = first
+        level = 0
         while np.any(wanted):
             decision = LevelDecision.of(self.test, wanted)
             settled = self._evaluate_level(decision, level, with_distances=True)
@@ -196,7 +231,7 @@ class _CertifiedSearch:
         evaluated = self._evaluate_patches(decision, level)
         self._evaluate_refinement(decision)
         if decision.open_differences:
-            splits = DRAWN_SPLITS if self.as_drawn else DIFFERENCE_SPLITS
+            splits = DRAWN_SPLITS[self.refinement is not None] if self.as_drawn else DIFFERENCE_SPLITS
             self._evaluate_differences(decision, *joined_pieces(decision.open_differences), splits)
         settled = decision.wanted & np.isfinite(decision.upper)
         for regular in evaluated:
@@ -214,7 +249,7 @@ class _CertifiedSearch:
             if patches.level == own:
                 rough = patches.rough_bounds(self.vertices).at(level - own)
                 if self.as_drawn:
-                    rough = rough + patches.off_drawn(level - own, self.vertices)
+                    rough = rough + patches.off_drawn(level - own, self.vertices, self.test)
                 self.patches[place] = patches.at(_undecided(decision, patches.bases, rough))
                 self.patches[place].compact()
         if self.as_drawn:
@@ -258,7 +293,7 @@ class _CertifiedSearch:
         """(B,): bounds of the distance between the facets at the search's current level and what is drawn."""
         found = np.zeros(len(self.faces))
         for regular in self.patches:
-            np.maximum.at(found, regular.bases, regular.off_drawn(level - regular.level, self.vertices))
+            np.maximum.at(found, regular.bases, regular.off_drawn(level - regular.level, self.vertices, self.test))
         for patches in self.extraordinary:
             np.maximum.at(found, patches.bases, _off_diagonals(patches.corners(self.vertices)))
         if self.refinement is not None and len(self.refinement.bases):
@@ -305,7 +340,8 @@ class _CertifiedSearch:
         first."""
         undecided = np.flatnonzero(decision.update(patches.bases, *self._first_bounds(patches, levels)))
         bases, nets = patches.bases[undecided], patches.nets_of(undecided)
-        for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
+        splits = 0 if self.as_drawn else NET_SPLITS
+        for remaining in range(levels, max(levels - splits, 0) - 1, -1):
             if not len(bases):
                 return
             undecided = np.flatnonzero(decision.update(bases, *self._closer_bounds(nets, remaining)))

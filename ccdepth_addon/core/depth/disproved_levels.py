@@ -42,7 +42,7 @@ FACES_AT_ONCE = 1 << 7
 
 # The number of leaves of a face, with the largest sag, that are divided for the next level; and of points of a face
 # that are tried: this many highest over their own leaf, and this many farthest from it.
-LEAVES_OF_A_FACE, POINTS_OF_A_FACE = 8, 4
+LEAVES_OF_A_FACE, POINTS_OF_A_FACE = 16, 24
 
 # The number of levels from a face to a part of ``most_curved_parts``.
 PART_LEVELS = 2

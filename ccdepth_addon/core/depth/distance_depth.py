@@ -10,7 +10,7 @@ leaves of a level are mapped onto their triangles (``leaf_maps``). In the end le
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -23,10 +23,10 @@ from ..bounds.norm_bounds import Vertices
 from ..bounds.rounding import largest_coordinates
 from ..deviation.leaf_deviations import DrawnLeaves
 from ..deviation.measure import rounding_allowance
-from ..distance.face_feet import FaceFeet
+from ..distance.face_feet import FaceFeet, FoundByFeet
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
-from .certified_depth import certified_depths, certified_level_bounds
+from .certified_depth import DrawnLevels, certified_level_bounds
 from .disproved_levels import DisprovedLevels
 from .level_leaves import DEEPEST_REGULAR, RINGS, LevelLeaves, mask, rings_around
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
@@ -45,11 +45,11 @@ MEASURED_AT_ONCE = 1 << 12
 MOST_DIVIDED = 3
 
 # The number of leaves of regular faces that are mapped at a level, and of these faces that are measured.
-MOST_MAPPED, MOST_REGULAR = 1 << 13, 1 << 10
+MOST_MAPPED, MOST_REGULAR = 1 << 14, 1 << 10
 
-# The number of leaves measured with the effort NORMAL, apart from those of the deepest faces; and the number of the
-# deepest faces first measured together, doubled each time.
-MOST_MEASURED, FIRST_MEASURED = 1 << 16, 1 << 6
+# The number of leaves measured with the effort NORMAL, apart from those of the deepest faces; the number of the deepest
+# faces beyond which these stay, and the number first measured together, doubled each time.
+MOST_MEASURED, MOST_DEEPEST, FIRST_MEASURED = 1 << 16, 1 << 13, 1 << 6
 
 # The factor by which distances shrink at most from level to level, mostly: levels up to which samples would stay beyond
 # the limit are not tried.
@@ -83,25 +83,27 @@ def distance_depths(
     At level 0 vertices are control points, as no modifier moves anything.
     """
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
-    disproved = DisprovedLevels.of(mesh, vertices, test, tick)
+    disproved: list[DisprovedLevels] = []
     whole = FaceDepths.undecided(faces)
     opened = np.full(len(faces), NO_LEVEL)
 
     def found(places: IndexArray) -> FaceDepths:
         for level in np.unique(whole.depths[places]).tolist():
             own = places[whole.depths[places] == level]
-            if level:
-                whole.exact[own] = disproved.all_before(level, faces[own], tick)
+            if level and len(own):
+                disproved[:] = disproved or [DisprovedLevels.of(mesh, vertices, test, tick)]
+                whole.exact[own] = disproved[0].all_before(level, faces[own], tick)
         chosen = FaceDepths(*(column[places] for column in vars(whole).values()))
         # Until here, bounds are without the allowance.
         chosen.bounds[:] += test.allowance
         return chosen
 
+    searches = [DrawnLevels(mesh, test, some.shown(level), level) for level in (0, 1)]
     left = np.arange(len(faces))
     level, measured = 0, 0
     while len(left):
-        most = {Effort.QUICK: 0, Effort.NORMAL: max(MOST_MEASURED - measured, 0), Effort.FULL: len(left)}[effort]
-        bounds, is_open, spent = some.at(level, left, some.first_certified, most)
+        certified = searches[level > 0 and vertices is Vertices.LIMIT].bounds(faces[left], tick)
+        bounds, is_open, spent = some.at(level, left, certified - test.allowance, effort, measured)
         measured += spent
         opened[left[is_open]] = np.minimum(opened[left[is_open]], level)
         is_settled = np.isfinite(bounds.bounds)
@@ -130,13 +132,13 @@ def distance_bounds_at(
 
     levels: (F,) int32. tick: as of ``distance_depths``.
     """
-    some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     for level in np.unique(levels[faces]).tolist():
-        places = np.flatnonzero(levels[faces] == level)
-        found, is_open, _ = some.at(level, places, some.certified_at, len(places))
+        some = _SomeFaces.of(mesh, faces[levels[faces] == level], test, vertices, tick)
+        every = np.arange(len(some.faces))
+        found, is_open, _ = some.at(level, every, some.certified_at(level, every), Effort.NORMAL)
         # Faces are as many as they are: what was passed over is examined.
-        found.bounds[is_open] = some.by_leaves(level, places[is_open]).bounds
-        yield LevelBounds(faces[places], found.bounds + test.allowance, found.lasting, found.alone | is_open)
+        found.bounds[is_open] = some.by_leaves(level, every[is_open]).bounds
+        yield LevelBounds(some.faces, found.bounds + test.allowance, found.lasting, found.alone | is_open)
 
 
 def distance_level_bounds(
@@ -152,16 +154,17 @@ def distance_level_bounds(
     ``level_bounds_in_chunks``."""
     if not len(faces):
         return
-    some = _SomeFaces.of(mesh, faces, test, vertices, tick)
-    rest = np.ones(len(faces), dtype=bool)
-    for found in some.feet.bounds(np.arange(len(faces)), level, some.shown(level), some.limit, tick):
+    some, every = _SomeFaces.of(mesh, faces, test, vertices, tick), np.arange(len(faces))
+    certified = some.certified_at(level, every)
+    is_left = np.isinf(certified)
+    yield LevelBounds(faces[~is_left], certified[~is_left] + test.allowance)
+    for found in some.feet_at(level, np.flatnonzero(is_left)):
         short = found.faces[found.are_short]
-        rest[short] = False
+        is_left[short] = False
         yield LevelBounds(faces[short], found.bounds[found.are_short] + test.allowance)
-    left, certified = np.flatnonzero(rest), some.certified_at(level, np.flatnonzero(rest))
-    is_certified = np.isfinite(certified) | ((mesh.face_sizes[faces[left]] != 4) & (level == 0))
-    yield LevelBounds(faces[left[is_certified]], certified[is_certified] + test.allowance)
-    left = left[~is_certified]
+    is_polygon = is_left & (mesh.face_sizes[faces] != 4) & (level == 0)
+    yield LevelBounds(faces[is_polygon], certified[is_polygon])
+    left = np.flatnonzero(is_left & ~is_polygon)
     for group in index_chunks(left, MOST_FACES_AT_ONCE):
         bounds = some.by_leaves(level, group, are_joined=True, is_proved=is_proved).bounds
         yield LevelBounds(faces[group], bounds + test.allowance)
@@ -187,35 +190,58 @@ class _ByLeaves:
         return _ByLeaves(bounds, is_lost, farthest, sum(part.measured for part in parts))
 
 
-@dataclass(frozen=True)
+@dataclass
 class _SomeFaces:
-    """Some faces (n,) of a mesh, ascending. feet: the bounds by feet of a mesh with these as its first faces.
-    certified: the depths at equal parameters, as drawn, as far as they are known. next_levels: (n,) intp, the next
-    level at which leaves are examined."""
+    """Some faces (n,) of a mesh, ascending. next_levels: (n,) intp, the next level at which leaves are examined.
+    footed: (k,) intp, the places of faces with bounds by feet, and feet: the bounds, of a mesh with these as its first
+    faces."""
 
     mesh: PolygonMesh
     faces: IndexArray
-    feet: FaceFeet
     vertices: Vertices
     test: ToleranceTest
     rounded: float
-    certified: FaceDepths
     next_levels: IndexArray
     tick: Callable[[], None]
+    footed: IndexArray | None = None
+    feet: FaceFeet | None = None
 
     @staticmethod
     def of(
         mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
     ) -> _SomeFaces:
-        around, count = mesh, mesh.face_count
-        if len(faces) < mesh.face_count:
-            # The faces that touch the given ones need bounds as well, and so the faces around them.
-            near = submesh(mesh, faces)[1]
-            around, count = submesh(mesh, near)[0].changed(axes=mesh.axes), len(near)
-        feet = FaceFeet.of(around, vertices, np.zeros(count, dtype=bool), tick)
         rounded = rounding_allowance(mesh, float(largest_coordinates(mesh).max()))
-        certified, next_levels = FaceDepths.undecided(faces), np.zeros(len(faces), dtype=np.intp)
-        return _SomeFaces(mesh, faces, feet, vertices, test, rounded, certified, next_levels, tick)
+        return _SomeFaces(mesh, faces, vertices, test, rounded, np.zeros(len(faces), dtype=np.intp), tick)
+
+    def feet_at(self, level: int, places: IndexArray) -> Iterator[FoundByFeet]:
+        """The bounds by feet of faces at some places (m,), with places for faces. Later places are among the first
+        ones."""
+        if not len(places):
+            return
+        if self.feet is None or self.footed is None:
+            around, count, faces = self.mesh, self.mesh.face_count, self.faces[places]
+            if len(places) < count:
+                # The faces that touch the given ones need bounds as well, and so the faces around them.
+                near = submesh(self.mesh, faces)[1]
+                around, count = submesh(self.mesh, near)[0].changed(axes=self.mesh.axes), len(near)
+            self.footed = places
+            self.feet = FaceFeet.of(around, self.vertices, np.zeros(count, dtype=bool), self.tick)
+        own = np.searchsorted(self.footed, places)
+        for found in self.feet.bounds(own, level, self.shown(level), self.limit, self.tick):
+            yield replace(found, faces=self.footed[found.faces])
+
+    def likely(self, level: int, places: IndexArray) -> tuple[BoolArray, BoolArray]:
+        """(m,) bool each, for faces at some of the places with feet: whether each is regular, and whether estimates are
+        within the limit at a level or the face is not regular."""
+        if self.feet is None or self.footed is None:
+            return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+        own = np.searchsorted(self.footed, places)
+        is_regular = self.feet.places[own] >= 0
+        is_likely = ~is_regular
+        if level <= DEEPEST_REGULAR:
+            regular = own[is_regular]
+            is_likely[is_regular] = self.feet.likely(regular, level, self.shown(level)) <= self.limit
+        return is_regular, is_likely
 
     @property
     def limit(self) -> float:
@@ -227,38 +253,37 @@ class _SomeFaces:
         return self.vertices if level else Vertices.CONTROL
 
     def at(
-        self, level: int, places: IndexArray, certified: Callable[[int, IndexArray], FloatArray], most: int
+        self, level: int, places: IndexArray, certified: FloatArray, effort: Effort, measured: int = 0
     ) -> tuple[LevelBounds, BoolArray, int]:
         """The bounds of the faces at some places (m,) at a level, without the allowance, infinite without a proof
         within the limit; (m,) bool, whether a face without a proof is open: nothing tells that it is beyond the limit;
         and the number of leaves measured.
 
-        certified: gives the certified bounds (n,) at a level of faces at places (n,). most: the number of faces with
-        leaves that may be measured, those first that gain most.
+        certified: (m,), the certified bounds. measured: the number of leaves measured so far.
         """
         every = len(self.faces)
-        bounds, lasting, is_open, alone = np.full(every, np.inf), *np.zeros((3, every), dtype=bool)
-        for found in self.feet.bounds(places, level, self.shown(level), self.limit, self.tick):
-            bounds[found.faces], lasting[found.faces], is_open[found.faces] = found.bounds, found.lasting, found.is_open
-        bounds[bounds > self.limit] = np.inf
-        left = places[is_open[places]]
-        bounds[left] = certified(level, left)
-        alone[left] = np.isfinite(bounds[left])
+        bounds, lasting, is_open = np.full(every, np.inf), *np.zeros((2, every), dtype=bool)
+        bounds[places] = certified
+        alone = np.isfinite(bounds)
+        for found in self.feet_at(level, places[np.isinf(certified)]):
+            is_within = found.bounds <= self.limit
+            bounds[found.faces] = np.where(is_within, found.bounds, np.inf)
+            lasting[found.faces], is_open[found.faces] = found.lasting, found.is_open & ~is_within
         if level == 0:
             is_open &= self.mesh.face_sizes[self.faces] == 4
-        is_open &= np.isinf(bounds)
-        regular = np.flatnonzero(is_open & (self.feet.places[:every] >= 0))
-        is_open[regular] = level <= DEEPEST_REGULAR
-        if level and level <= DEEPEST_REGULAR:
-            is_open[regular] = self.feet.likely(regular, level, self.shown(level)) <= self.limit
         is_open &= self.next_levels <= level
-        is_examined = is_open.copy()
-        is_examined[regular[is_open[regular]][MOST_MAPPED >> 2 * level :]] = False
-        some = places[is_examined[places]]
-        is_regular = self.feet.places[some] >= 0
-        some = some[np.lexsort((-self.certified.depths[some], is_regular))]
-        most, measured = min(most, int(np.count_nonzero(~is_regular)) + MOST_REGULAR), 0
-        for group, are_measured in ((np.sort(some[:most]), True), (np.sort(some[most:]), False)):
+        some = np.flatnonzero(is_open)
+        is_regular, is_likely = self.likely(level, some)
+        is_open[some[~is_likely]] = False
+        regular, others = some[is_regular & is_likely], some[~is_regular]
+        before, most, most_regular = measured, every, every
+        if effort is not Effort.FULL:
+            regular = regular[: MOST_MAPPED >> 2 * level]
+            most = max(MOST_MEASURED - measured, 0) if effort is Effort.NORMAL else 0
+            most_regular = max(min(MOST_REGULAR, most - len(others)), 0)
+        first = (np.sort(np.concatenate([others[:most], regular[:most_regular]])), True)
+        rest = (np.sort(np.concatenate([others[most:], regular[most_regular:]])), False)
+        for group, are_measured in (first, rest):
             by_leaves = self.by_leaves(level, group, are_measured=are_measured)
             bounds[group], alone[group] = by_leaves.bounds, True
             is_open[group] = np.isinf(by_leaves.bounds) & ~by_leaves.is_lost & (not are_measured)
@@ -267,7 +292,7 @@ class _SomeFaces:
                 ahead = np.log(np.maximum(by_leaves.farthest / self.limit, 1.0)) / np.log(FASTEST)
                 self.next_levels[group] = level + np.maximum(ahead.astype(np.intp), 1)
         found_at = LevelBounds(self.faces[places], bounds[places], lasting[places], alone[places])
-        return found_at, is_open[places], measured
+        return found_at, is_open[places], measured - before
 
     def certified_at(self, level: int, places: IndexArray) -> FloatArray:
         """(m,): the certified bounds of the faces at some places (m,) at a level, as drawn, without the allowance;
@@ -280,20 +305,6 @@ class _SomeFaces:
             found[block.faces] = block.bounds - self.test.allowance
         return found[faces]
 
-    def first_certified(self, level: int, places: IndexArray) -> FloatArray:
-        """(m,): the bounds of ``certified_at`` where a level is the certified depth, and infinite elsewhere."""
-        known = self.certified
-        new = places[known.depths[places] < 0]
-        if level == 0:
-            known.bounds[new] = self.certified_at(0, new)
-            known.depths[new[np.isfinite(known.bounds[new])]] = 0
-            new = new[np.isinf(known.bounds[new])]
-        search = (self.mesh, self.faces[new], self.test, self.vertices, self.tick)
-        for block in certified_depths(*search, first=level or 1, as_drawn=True):
-            own = np.searchsorted(self.faces, block.faces)
-            known.depths[own], known.bounds[own] = block.depths, block.bounds - self.test.allowance
-        return np.where(known.depths[places] == level, known.bounds[places], np.inf)
-
     def lower_deepest(self, whole: FaceDepths, opened: IndexArray) -> None:
         """Lower the deepest depths by measuring leaves at open levels, until one of them can't be lowered: they decide
         the level for all. opened: (n,) intp, the first open level of each face, ``NO_LEVEL`` without one, and at the
@@ -301,7 +312,7 @@ class _SomeFaces:
         least, count = int(self.vertices is Vertices.LIMIT), FIRST_MEASURED
         while (deepest := int(whole.depths.max(initial=0))) > least:
             deep = np.flatnonzero(whole.depths == deepest)
-            if np.any(opened[deep] >= deepest):
+            if len(deep) > MOST_DEEPEST or np.any(opened[deep] >= deepest):
                 return
             # Faces that were nearly proved to need this depth, first.
             some = np.sort(deep[np.argsort(-opened[deep], kind="stable")][:count])
