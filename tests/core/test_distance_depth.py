@@ -194,6 +194,49 @@ def test_certified_bounds_hold_of_what_is_drawn(name: str, vertices: Vertices, s
                 assert np.all(depths[np.isfinite(found)] <= level)
 
 
+@pytest.mark.parametrize(("bend", "vertices"), [(0.03, Vertices.LIMIT), (-0.03, Vertices.CONTROL)])
+def test_twists_add_to_the_distance_of_facets(bend: float, vertices: Vertices) -> None:
+    """Facets and twists by themselves are within tolerances here that what is drawn is not."""
+    mesh = meshes.build(meshes.bent(meshes.grid(6, 6), lambda x, y, _: (x, y, 0.1 * x * y + bend * (x * x + y * y))))
+    there, back, step = sampled(mesh, 1, vertices)
+    every, found = np.arange(mesh.face_count), {}
+    for as_drawn in (True, False):
+        found[as_drawn] = np.full(mesh.face_count, np.inf)
+        test = ToleranceTest(0.9 * np.median(back), 0.0)
+        for block in certified_level_bounds(
+            mesh, every, test, vertices, 1, lambda: None, nearly=False, as_drawn=as_drawn
+        ):
+            found[as_drawn][block.faces] = block.bounds
+    assert np.all(np.maximum(back, there - OFF * step) <= found[True])
+    assert np.any(found[False] < back)
+
+
+def test_polygons_may_be_cut_along_their_highest_corners() -> None:
+    around = np.arange(6)
+    loop = np.stack([np.cos(around * np.pi / 3), np.sin(around * np.pi / 3), 0.3 * (-1.0) ** around], axis=1)
+    sharp = {(min(pair), max(pair)): 1.0 for pair in zip(range(6), [1, 2, 3, 4, 5, 0], strict=True)}
+    data = replace(
+        meshes.from_faces(loop, [list(range(6))]), edge_creases=sharp, vertex_creases=dict.fromkeys(range(6), 1.0)
+    )
+    mesh = meshes.build(data)
+    fine, fine_triangles, *_ = surface(mesh, 4)
+    points = fine[fine_triangles].reshape(-1, 3)
+    cut = loop[[[0, 2, 4], [0, 1, 2], [2, 3, 4], [4, 5, 0]]]
+    off = point_to_triangles(np.repeat(points, 4, axis=0), np.tile(cut, (len(points), 1, 1))).reshape(-1, 4)
+    farthest = off.min(axis=1).max()
+    assert np.isinf(level_bounds(mesh, 0.95 * farthest, "DISTANCE", Vertices.LIMIT, 0)[0])
+    assert np.isfinite(level_bounds(mesh, 3 * farthest, "DISTANCE", Vertices.LIMIT, 0)[0])
+
+
+@pytest.mark.parametrize("name", ["house", "tetrahedron", "poles"])
+def test_at_level_0_control_points_are_shown_whatever_the_vertices(name: str) -> None:
+    mesh = meshes.build(TRIANGLES[name](1))
+    control, limit = (level_bounds(mesh, 10.0, "DISTANCE", vertices, 0) for vertices in Vertices)
+    np.testing.assert_array_equal(control, limit)
+    depths = [face_depths(mesh, 0.2, "DISTANCE", vertices).depths == 0 for vertices in Vertices]
+    np.testing.assert_array_equal(*depths)
+
+
 def test_triangles_near_enough_have_depth_0() -> None:
     """A sphere of triangles: where certified bounds suffice, no level is asked for."""
     data = meshes.sphere(24, 12)

@@ -44,8 +44,9 @@ MEASURED_AT_ONCE = 1 << 12
 # The levels up to which faces are expected to have all of their leaves; later, larger parts have bounds, mostly.
 MOST_DIVIDED = 3
 
-# The number of leaves of regular faces that are mapped at a level, and of these faces that are measured.
-MOST_MAPPED, MOST_REGULAR = 1 << 14, 1 << 10
+# The number of leaves of faces with bounds by feet beyond the limit that are mapped at a level, and of these faces that
+# are measured.
+MOST_MAPPED, MOST_REGULAR = 1 << 14, 1 << 9
 
 # The number of leaves measured with the effort NORMAL, apart from those of the deepest faces; the number of the deepest
 # faces beyond which these stay, and the number first measured together, doubled each time.
@@ -230,18 +231,16 @@ class _SomeFaces:
         for found in self.feet.bounds(own, level, self.shown(level), self.limit, self.tick):
             yield replace(found, faces=self.footed[found.faces])
 
-    def likely(self, level: int, places: IndexArray) -> tuple[BoolArray, BoolArray]:
-        """(m,) bool each, for faces at some of the places with feet: whether each is regular, and whether estimates are
-        within the limit at a level or the face is not regular."""
+    def are_likely(self, level: int, places: IndexArray, have_bounds: BoolArray) -> BoolArray:
+        """(m,) bool, for faces at some of the places with feet: whether leaves may be within the limit at a level. The
+        distances of regular faces are estimated where faces have bounds (m,) bool, and not tried at deep levels."""
         if self.feet is None or self.footed is None:
-            return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
+            return np.zeros(0, dtype=bool)
         own = np.searchsorted(self.footed, places)
-        is_regular = self.feet.places[own] >= 0
-        is_likely = ~is_regular
-        if level <= DEEPEST_REGULAR:
-            regular = own[is_regular]
-            is_likely[is_regular] = self.feet.likely(regular, level, self.shown(level)) <= self.limit
-        return is_regular, is_likely
+        found: BoolArray = (self.feet.places[own] < 0) | (level <= DEEPEST_REGULAR)
+        estimated = np.flatnonzero(found & have_bounds)
+        found[estimated] = self.feet.likely(own[estimated], level, self.shown(level)) <= self.limit
+        return found
 
     @property
     def limit(self) -> float:
@@ -262,20 +261,22 @@ class _SomeFaces:
         certified: (m,), the certified bounds. measured: the number of leaves measured so far.
         """
         every = len(self.faces)
-        bounds, lasting, is_open = np.full(every, np.inf), *np.zeros((2, every), dtype=bool)
+        bounds, lasting, is_open, has_bound = np.full(every, np.inf), *np.zeros((3, every), dtype=bool)
         bounds[places] = certified
         alone = np.isfinite(bounds)
         for found in self.feet_at(level, places[np.isinf(certified)]):
             is_within = found.bounds <= self.limit
             bounds[found.faces] = np.where(is_within, found.bounds, np.inf)
             lasting[found.faces], is_open[found.faces] = found.lasting, found.is_open & ~is_within
+            has_bound[found.faces] = np.isfinite(found.bounds)
         if level == 0:
             is_open &= self.mesh.face_sizes[self.faces] == 4
         is_open &= self.next_levels <= level
         some = np.flatnonzero(is_open)
-        is_regular, is_likely = self.likely(level, some)
-        is_open[some[~is_likely]] = False
-        regular, others = some[is_regular & is_likely], some[~is_regular]
+        some = some[self.are_likely(level, some, has_bound[some])]
+        is_open[:] = False
+        is_open[some] = True
+        regular, others = some[has_bound[some]], some[~has_bound[some]]
         before, most, most_regular = measured, every, every
         if effort is not Effort.FULL:
             regular = regular[: MOST_MAPPED >> 2 * level]
