@@ -18,6 +18,7 @@ from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
 from ccdepth_addon.core.depth.distance_depth import Effort
 from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
+from ccdepth_addon.core.depth.lone_polygons import lone_polygon_bounds
 from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
 from ccdepth_addon.core.depth.tolerance import ToleranceTest
 from ccdepth_addon.core.depth.worst_pose import worst_pose
@@ -235,6 +236,26 @@ def test_at_level_0_control_points_are_shown_whatever_the_vertices(name: str) ->
     np.testing.assert_array_equal(control, limit)
     depths = [face_depths(mesh, 0.2, "DISTANCE", vertices).depths == 0 for vertices in Vertices]
     np.testing.assert_array_equal(*depths)
+
+
+@pytest.mark.parametrize("smooth_corners", [True, False])
+@pytest.mark.parametrize("sides", [5, 40])
+def test_flat_polygons_alone_are_bounded_at_all_levels(sides: int, smooth_corners: bool) -> None:
+    turns = np.linspace(0, 2 * np.pi, sides, endpoint=False) + 0.05 * np.sin(np.arange(sides))
+    loop = np.stack([np.cos(turns), 2 * np.sin(turns), 0.01 * np.cos(3 * turns)], axis=1)
+    mesh = meshes.build(meshes.from_faces(loop, [list(range(sides))]), smooth_corners=smooth_corners)
+    bound = lone_polygon_bounds(mesh, np.arange(1))[0]
+    assert bound < 0.9 * 4 * (2 * np.pi / sides) ** 2
+    for vertices in Vertices:
+        assert face_depths(mesh, bound + 1e-3, "DISTANCE", vertices).depths[0] == 0
+        assert uniform_level(mesh, bound + 1e-3, "DISTANCE", vertices) <= 1
+        for level in (1, 2):
+            there, back, step = sampled(mesh, level, vertices)
+            assert max(back.max(), there.max() - OFF * step) <= bound
+    beside = meshes.from_faces([*loop, [3, 0, 0]], [list(range(sides)), [0, 1, sides]])
+    assert np.isinf(lone_polygon_bounds(meshes.build(beside), np.arange(1))[0])
+    star = meshes.from_faces(loop[np.arange(5) * (2 * sides // 5) % sides], [list(range(5))])
+    assert np.isinf(lone_polygon_bounds(meshes.build(star), np.arange(1))[0])
 
 
 def test_triangles_near_enough_have_depth_0() -> None:

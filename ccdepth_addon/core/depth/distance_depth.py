@@ -29,6 +29,7 @@ from ..mesh.submesh import submesh
 from .certified_depth import DrawnLevels, certified_level_bounds
 from .disproved_levels import DisprovedLevels
 from .level_leaves import DEEPEST_REGULAR, RINGS, LevelLeaves, mask, rings_around
+from .lone_polygons import lone_polygon_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 # The number of leaves expected in a group of faces, with the leaves around them; and the number beyond which a group is
@@ -156,7 +157,7 @@ def distance_level_bounds(
     if not len(faces):
         return
     some, every = _SomeFaces.of(mesh, faces, test, vertices, tick), np.arange(len(faces))
-    certified = some.certified_at(level, every)
+    certified = np.minimum(some.certified_at(level, every), some.lone)
     is_left = np.isinf(certified)
     yield LevelBounds(faces[~is_left], certified[~is_left] + test.allowance)
     for found in some.feet_at(level, np.flatnonzero(is_left)):
@@ -193,7 +194,8 @@ class _ByLeaves:
 
 @dataclass
 class _SomeFaces:
-    """Some faces (n,) of a mesh, ascending. next_levels: (n,) intp, the next level at which leaves are examined.
+    """Some faces (n,) of a mesh, ascending. lone: (n,), their bounds at any level as of ``lone_polygon_bounds``,
+    infinite beyond the limit. next_levels: (n,) intp, the next level at which leaves are examined.
     footed: (k,) intp, the places of faces with bounds by feet, and feet: the bounds, of a mesh with these as its first
     faces."""
 
@@ -202,6 +204,7 @@ class _SomeFaces:
     vertices: Vertices
     test: ToleranceTest
     rounded: float
+    lone: FloatArray
     next_levels: IndexArray
     tick: Callable[[], None]
     footed: IndexArray | None = None
@@ -212,7 +215,9 @@ class _SomeFaces:
         mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
     ) -> _SomeFaces:
         rounded = rounding_allowance(mesh, float(largest_coordinates(mesh).max()))
-        return _SomeFaces(mesh, faces, vertices, test, rounded, np.zeros(len(faces), dtype=np.intp), tick)
+        lone = lone_polygon_bounds(mesh, faces)
+        lone[~test.within(lone)] = np.inf
+        return _SomeFaces(mesh, faces, vertices, test, rounded, lone, np.zeros(len(faces), dtype=np.intp), tick)
 
     def feet_at(self, level: int, places: IndexArray) -> Iterator[FoundByFeet]:
         """The bounds by feet of faces at some places (m,), with places for faces. Later places are among the first
@@ -262,7 +267,7 @@ class _SomeFaces:
         """
         every = len(self.faces)
         bounds, lasting, is_open, has_bound = np.full(every, np.inf), *np.zeros((3, every), dtype=bool)
-        bounds[places] = certified
+        bounds[places] = certified = np.minimum(certified, self.lone[places])
         alone = np.isfinite(bounds)
         for found in self.feet_at(level, places[np.isinf(certified)]):
             is_within = found.bounds <= self.limit
