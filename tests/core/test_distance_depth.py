@@ -252,6 +252,8 @@ def test_flat_polygons_alone_are_bounded_at_all_levels(sides: int, smooth_corner
         for level in (1, 2):
             there, back, step = sampled(mesh, level, vertices)
             assert max(back.max(), there.max() - OFF * step) <= bound
+    fine = surface(mesh, 4)[0]
+    assert np.linalg.norm(loop[:, None] - fine, axis=2).min(axis=1).max() <= bound
     beside = meshes.from_faces([*loop, [3, 0, 0]], [list(range(sides)), [0, 1, sides]])
     assert np.isinf(lone_polygon_bounds(meshes.build(beside), np.arange(1))[0])
     star = meshes.from_faces(loop[np.arange(5) * (2 * sides // 5) % sides], [list(range(5))])
