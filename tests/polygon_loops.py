@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccdepth_addon.core.adaptive.polygon_bounds import polygon_thickness
 from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.polygon_bounds import polygon_thickness
 from tests.triangle_distances import distances
 
 Triangle = tuple[int, int, int]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 
-from ..core import METHODS, Mode
+from ..core import METHODS, Effort, Mode
 from ..state.properties import VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
@@ -121,6 +121,12 @@ def _add_choices(parser: Parser) -> None:
         choices=list(VERTEX_TEXTS),
         help="where the subdivided mesh has its vertices; OBJECT (default) is as the object's own Subdivision Surface "
         "modifier has them, on the limit surface without one",
+    )
+    add(
+        "--effort",
+        type=_name,
+        choices=list(Effort),
+        help="how long DISTANCE looks for fewer levels; NORMAL (default) measures a limited number of parts",
     )
     add(
         "--frames",

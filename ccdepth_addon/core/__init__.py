@@ -21,6 +21,7 @@ from .attributes.interpolation import (
 )
 from .bounds.rounding import largest_coordinates, rounding_allowance, smallest_step
 from .depth.common_level import common_level
+from .depth.distance_depth import Effort
 from .depth.face_depths import (
     METHODS,
     VERTICES,
@@ -53,6 +54,7 @@ __all__ = [
     "Attempt",
     "BoolArray",
     "Deviation",
+    "Effort",
     "Evaluate",
     "FaceDepths",
     "FloatArray",

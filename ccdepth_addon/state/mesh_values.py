@@ -100,6 +100,7 @@ def _write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSetti
     record.vertices, record.follows_objects = answer.vertices, settings.follows_objects
     record.use_modifiers = settings.use_modifiers
     record.exact_faces = int(np.count_nonzero(answer.exact))
+    record.faces_left = int(np.count_nonzero(answer.might_need_less))
     record.added_deepest = answer.added_deepest
     record.frames, record.worst_frame = settings.frames, answer.worst_frame or 0
     record.uniform_level = answer.uniform_level

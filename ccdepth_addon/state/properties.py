@@ -71,6 +71,12 @@ VERTEX_TEXTS = {
 VERTEX_NUMBERS = {"CONTROL": 0, "LIMIT": 1, "OBJECT": 2}
 VERTEX_ITEMS = tuple((name, *texts, "NONE", VERTEX_NUMBERS[name]) for name, texts in VERTEX_TEXTS.items())
 
+EFFORT_ITEMS = (
+    ("QUICK", "Quick", "Measure nothing: some faces get more levels than they need"),
+    ("NORMAL", "Normal", "Measure a limited number of parts, those first that save most faces"),
+    ("FULL", "Full", "Measure whatever might save faces, however long it takes"),
+)
+
 FRAMES_ITEMS = (
     ("CURRENT", "Current Frame", "The scene as it is"),
     ("SCENE", "Scene Range", "From the scene's first frame to its last, by its frame step"),
@@ -179,6 +185,12 @@ class DepthProperties:
         description="Where the vertices of the subdivided mesh are",
         items=VERTEX_ITEMS,
         default="OBJECT",
+    )
+    effort: EnumProperty(
+        name="Effort",
+        description="How long By Distance looks for fewer levels; levels are proved with any effort",
+        items=EFFORT_ITEMS,
+        default="NORMAL",
     )
     frames: EnumProperty(
         name="Frames",

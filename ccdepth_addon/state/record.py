@@ -93,6 +93,7 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
     frames: StringProperty(description="The computed frames; empty for the scene as it was")
     worst_frame: IntProperty(description="Among the frames with the deepest depth, the frame with the largest distance")
     exact_faces: IntProperty(description="Faces with a depth that is proved minimal")
+    faces_left: IntProperty(description="Faces that might need less, with more effort")
     deepest: IntProperty()
     added_deepest: IntProperty(description="The deepest depth of faces that modifiers add from no face of the mesh")
     rows: CollectionProperty(type=DepthRow)

@@ -47,11 +47,12 @@ Part = TypeVar("Part", "MeshTask", PoseGroup)
 @dataclass(frozen=True)
 class DepthSettings(SurfaceSettings):
     """The settings of Compute Depth. vertices: CONTROL, LIMIT or OF_OBJECT. frames: as typed; empty for the present
-    scene."""
+    scene. effort: a name of ``Effort``."""
 
     method: str
     vertices: str
     frames: str = ""
+    effort: str = "NORMAL"
 
     @property
     def follows_objects(self) -> bool:
@@ -121,19 +122,20 @@ class MeshDepths:
     """The answer for one mesh.
 
     depths: (F,) int32; bounds: (F,) float64, lengths in the scene. exact: (F,) bool, whether the depth is proved to be
-    the least. world_tolerance: the smallest tolerance of its objects, a length. uniform_level: the first level at which
-    all faces are within the tolerance; quality: the Quality for Use Limit Surface there, 0 for control vertices.
-    uniform_faces: the number of faces of the control mesh, the largest one, subdivided to that level. added_faces: the
-    number of faces that modifiers add without an origin in the mesh; added_deepest: the deepest depth among them.
-    removed_faces: the number of the mesh's faces that modifiers remove, on all frames; their depth and bound are 0.
-    worst_frame: the frame with the deepest depth, or among several such frames the one with the farthest such face;
-    None without frames.
+    the least; might_need_less: (F,) bool, whether more effort might prove a lesser depth. world_tolerance: the smallest
+    tolerance of its objects, a length. uniform_level: the first level at which all faces are within the tolerance;
+    quality: the Quality for Use Limit Surface there, 0 for control vertices. uniform_faces: the number of faces of the
+    control mesh, the largest one, subdivided to that level. added_faces: the number of faces that modifiers add without
+    an origin in the mesh; added_deepest: the deepest depth among them. removed_faces: the number of the mesh's faces
+    that modifiers remove, on all frames; their depth and bound are 0. worst_frame: the frame with the deepest depth, or
+    among several such frames the one with the farthest such face; None without frames.
     """
 
     task: MeshTask
     depths: NDArray[np.int32]
     bounds: FloatArray
     exact: BoolArray
+    might_need_less: BoolArray
     world_tolerance: float
     uniform_level: int
     quality: int
@@ -239,7 +241,8 @@ def compute_depths(work: DepthWork, progress: Progress = no_report) -> list[Mesh
     fault.
     """
     work.decide()
-    return [_measured(task, part) for task, part in _with_parts(list(work.tasks.values()), progress)]
+    effort = work.settings.effort
+    return [_measured(task, effort, part) for task, part in _with_parts(list(work.tasks.values()), progress)]
 
 
 def _with_parts(tasks: Sequence[Part], progress: Progress, share: float = 1.0) -> Iterator[tuple[Part, Progress]]:
@@ -252,10 +255,11 @@ def _with_parts(tasks: Sequence[Part], progress: Progress, share: float = 1.0) -
         begun += own
 
 
-def _measured(task: MeshTask, progress: Progress) -> MeshDepths:
+def _measured(task: MeshTask, effort: str, progress: Progress) -> MeshDepths:
     """Measure the surfaces of a mesh."""
     groups = task.groups
-    own = [pose_depths(*group.poses, part) for group, part in _with_parts(groups, progress, DEPTHS_SHARE)]
+    parts = _with_parts(groups, progress, DEPTHS_SHARE)
+    own = [pose_depths(*group.poses, part, effort=effort) for group, part in parts]
     found, before, depths = own, None, task.largest(own)
     # All faces at the largest depth of their base face, raised where that is not enough.
     while before is None or np.any(depths > before):
@@ -282,8 +286,8 @@ def _worst_frame(groups: list[PoseGroup], own: list[PoseDepths], progress: Progr
 
 def _answer(task: MeshTask, found: list[PoseDepths], level: int, worst_frame: int | None) -> MeshDepths:
     """The findings for the groups, for the faces of the mesh."""
-    bounds, exact = np.zeros(task.face_count), np.zeros(task.face_count, dtype=bool)
-    present = np.zeros(task.face_count, dtype=bool)
+    bounds = np.zeros(task.face_count)
+    exact, might_need_less, present = np.zeros((3, task.face_count), dtype=bool)
     added: dict[str, int] = {}
     added_deepest = 0
     for group, each in zip(task.groups, found, strict=True):
@@ -291,6 +295,7 @@ def _answer(task: MeshTask, found: list[PoseDepths], level: int, worst_frame: in
         stretch = max(request.stretch for request in group.requests)
         np.maximum.at(bounds, faces, each.bounds[known] * stretch)
         exact[faces[each.exact[known]]] = True
+        might_need_less[faces[each.might_need_less[known]]] = True
         present[faces] = True
         for name in {request.surface.object_name for request in group.requests}:
             added[name] = max(added.get(name, 0), int(np.count_nonzero(~known)))
@@ -300,6 +305,7 @@ def _answer(task: MeshTask, found: list[PoseDepths], level: int, worst_frame: in
         depths=task.largest(found),
         bounds=bounds,
         exact=exact | ~present,
+        might_need_less=might_need_less & ~exact,
         world_tolerance=min(each.surface.tolerance for each in task.read),
         uniform_level=level,
         quality=max(request.quality(level) for request in task.requests),

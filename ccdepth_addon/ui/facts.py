@@ -72,6 +72,9 @@ def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[
     if record.method == "DISTANCE":
         meaning = "The number of faces for which no lesser depth is enough, as proved"
         facts.append(Fact("Proved Minimal", _exact_text(record.exact_faces, record.faces), meaning))
+    if record.faces_left:
+        meaning = "The number of faces for which lesser depths were not measured; Effort Full measures them"
+        facts.append(Fact("Might Need Less", f"{record.faces_left:,}", meaning))
     return facts
 
 

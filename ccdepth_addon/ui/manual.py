@@ -22,7 +22,7 @@ OPERATORS = (
 )
 SETTINGS = (
     ("tolerance", "*tolerance* use_modifiers"),
-    ("compute-depth", "method vertices"),
+    ("compute-depth", "method vertices effort"),
     ("frames", "frame*"),
     ("measure-deviation", "accuracy time_limit"),
     ("heat-map-and-legend", "heat_map* show_* distance_*"),

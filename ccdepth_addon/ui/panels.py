@@ -122,6 +122,9 @@ class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
         column, settings = settings_column(self.layout), context.scene.ccdepth
         column.prop(settings, "method")
         column.prop(settings, "vertices")
+        effort = column.row()
+        effort.active = settings.method == "DISTANCE"
+        effort.prop(settings, "effort")
         column.prop(settings, "frames")
         if settings.frames == "CUSTOM":
             column.prop(settings, "frame_list", text="")

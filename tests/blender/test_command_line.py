@@ -35,6 +35,7 @@ def test_without_a_mesh_it_measures_suzanne_as_the_operator_does(tmp_path: Path,
     sharp = {"tolerance": 0.01, "method": "SHARP", "vertices": "LIMIT"}
     for line, settings in (
         ("--method certified", {"method": "CERTIFIED"}),
+        ("--method distance --effort quick", {"method": "DISTANCE", "effort": "QUICK"}),
         ("--tolerance 0.01 --absolute --method sharp --vertices limit", sharp),
     ):
         told = printed(capfd, *line.split(), "--output", output, "--overwrite")

@@ -265,6 +265,20 @@ def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
     assert "Proved Minimal" not in addon.facts(holder)
 
 
+def test_the_effort_says_how_much_is_measured_and_the_panel_how_many_faces_were_left() -> None:
+    holder = scene.add_suzanne()
+    found = {}
+    for effort in ("QUICK", "NORMAL", "FULL"):
+        addon.compute(holder, tolerance=0.01, tolerance_mode="RELATIVE", method="DISTANCE", effort=effort)
+        found[effort] = addon.depths(holder)
+        left = holder.data.ccdepth.faces_left
+        assert (left > 0) == (effort == "QUICK")
+        assert addon.facts(holder).get("Might Need Less") == (f"{left:,}" if left else None)
+    np.testing.assert_array_equal(found["NORMAL"], found["FULL"])
+    assert np.all(found["FULL"] <= found["QUICK"])
+    assert np.any(found["FULL"] < found["QUICK"])
+
+
 # Of these no lesser depth is enough on any face, at this part of the diagonal.
 LEAST: dict[str, tuple[Callable[[], meshes.MeshData], float]] = {
     "cube": (meshes.cube, 0.01),

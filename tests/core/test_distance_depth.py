@@ -13,10 +13,14 @@ import pytest
 from ccdepth_addon.core.arrays.types import BoolArray, FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.depth import distance_depth
+from ccdepth_addon.core.depth.certified_depth import certified_level_bounds
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
+from ccdepth_addon.core.depth.distance_depth import Effort
 from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
+from ccdepth_addon.core.depth.lone_polygons import lone_polygon_bounds
 from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
+from ccdepth_addon.core.depth.tolerance import ToleranceTest
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
@@ -124,6 +128,136 @@ def test_control_triangles_are_as_near_as_proved(name: str, vertices: Vertices, 
         if tolerance > 0:
             bounds = level_bounds(mesh, tolerance, "DISTANCE", vertices, 0)[chosen]
             assert np.all(np.max(found, axis=1) <= bounds * (1 + ROUNDING) + ROUNDING)
+
+
+POLYGONS: dict[str, Callable[[int], meshes.MeshData]] = {
+    "hexagons": lambda seed: meshes.hexagons(3, 3, 0.2 * seed, seed),
+    "prism": lambda seed: meshes.bumpy(meshes.cylinder(5 + seed), 0.1 * seed, seed),
+    "one polygon": lambda seed: meshes.from_faces(
+        [[np.cos(turn), np.sin(turn), 0.05 * seed * turn % 0.1] for turn in np.linspace(0, 6, 6 + seed)],
+        [list(range(6 + seed))],
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "seed"), cases(product(POLYGONS, range(8)), product(POLYGONS, range(2))))
+def test_control_polygons_are_as_near_as_proved_however_they_are_cut(name: str, seed: int) -> None:
+    """Each one to the surface over itself, both ways, cut into the triangles at each of its corners."""
+    mesh = meshes.build(POLYGONS[name](seed))
+    fine, fine_triangles, owners, step = surface(mesh, 4)
+    polygons = np.flatnonzero(mesh.face_sizes > 4)
+    bounds = level_bounds(mesh, meshes.diagonal(mesh), "DISTANCE", Vertices.LIMIT, 0)
+    assert np.any(np.isfinite(bounds[polygons]))
+    for face in polygons:
+        loop = mesh.positions[mesh.corner_vertices[mesh.face_starts[face] :][: mesh.face_sizes[face]]]
+        own = fine[fine_triangles[owners == face]]
+        for first in range(len(loop)):
+            turned = np.roll(loop, first, axis=0)
+            drawn = np.stack([np.broadcast_to(turned[0], turned[1:-1].shape), turned[1:-1], turned[2:]], axis=1)
+            for points, triangles, allowed in (
+                (own.reshape(-1, 3)[::7], drawn, 0.0),
+                (points_of(drawn).reshape(-1, 3), own, OFF * step),
+            ):
+                off = point_to_triangles(
+                    np.repeat(points, len(triangles), axis=0), np.tile(triangles, (len(points), 1, 1))
+                )
+                off = off.reshape(len(points), -1).min(axis=1).max()
+                assert off <= bounds[face] * (1 + ROUNDING) + ROUNDING + allowed
+
+
+def test_flat_polygons_are_depth_0_where_they_are_near_enough_and_convex() -> None:
+    mesh = meshes.build(meshes.cylinder(12))
+    found = face_depths(mesh, 10.0, "DISTANCE", "LIMIT")
+    assert np.all(found.depths == 0)
+    notched = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.2, 0], [0, 2, 0]]
+    found = face_depths(meshes.build(meshes.from_faces(notched, [[0, 1, 2, 3, 4]])), 10.0, "DISTANCE", "LIMIT")
+    assert found.depths[0] == 1
+
+
+@pytest.mark.parametrize(("name", "vertices", "seed", "levels"), cases_of([*MESHES][:-1], 1))
+def test_certified_bounds_hold_of_what_is_drawn(name: str, vertices: Vertices, seed: int, levels: int) -> None:
+    """Each face by itself, both ways, and no depth by distance is larger."""
+    mesh, diagonal = case(name, seed)
+    every = np.arange(mesh.face_count)
+    for level in range(1, levels + 1):
+        there, back, step = sampled(mesh, level, vertices)
+        largest = max(there.max(), back.max())
+        for tolerance in (0.1 * diagonal, 1.2 * largest + 1e-6 * diagonal, 0.5 * largest):
+            test, found = ToleranceTest(tolerance, 0.0), np.full(mesh.face_count, np.inf)
+            for block in certified_level_bounds(
+                mesh, every, test, vertices, level, lambda: None, nearly=False, as_drawn=True
+            ):
+                found[block.faces] = block.bounds
+            assert np.all(back <= found * (1 + ROUNDING) + ROUNDING * diagonal)
+            assert np.all(there <= found * (1 + ROUNDING) + ROUNDING * diagonal + OFF * step)
+            if np.any(np.isfinite(found)) and tolerance > 0.2 * largest > 0:
+                depths = face_depths(mesh, tolerance, "DISTANCE", vertices, effort="QUICK").depths
+                assert np.all(depths[np.isfinite(found)] <= level)
+
+
+@pytest.mark.parametrize(("bend", "vertices"), [(0.03, Vertices.LIMIT), (-0.03, Vertices.CONTROL)])
+def test_twists_add_to_the_distance_of_facets(bend: float, vertices: Vertices) -> None:
+    """Facets and twists by themselves are within tolerances here that what is drawn is not."""
+    mesh = meshes.build(meshes.bent(meshes.grid(6, 6), lambda x, y, _: (x, y, 0.1 * x * y + bend * (x * x + y * y))))
+    there, back, step = sampled(mesh, 1, vertices)
+    every, found = np.arange(mesh.face_count), {}
+    for as_drawn in (True, False):
+        found[as_drawn] = np.full(mesh.face_count, np.inf)
+        test = ToleranceTest(0.9 * np.median(back), 0.0)
+        for block in certified_level_bounds(
+            mesh, every, test, vertices, 1, lambda: None, nearly=False, as_drawn=as_drawn
+        ):
+            found[as_drawn][block.faces] = block.bounds
+    assert np.all(np.maximum(back, there - OFF * step) <= found[True])
+    assert np.any(found[False] < back)
+
+
+def test_polygons_may_be_cut_along_their_highest_corners() -> None:
+    around = np.arange(6)
+    loop = np.stack([np.cos(around * np.pi / 3), np.sin(around * np.pi / 3), 0.3 * (-1.0) ** around], axis=1)
+    sharp = {(min(pair), max(pair)): 1.0 for pair in zip(range(6), [1, 2, 3, 4, 5, 0], strict=True)}
+    data = replace(
+        meshes.from_faces(loop, [list(range(6))]), edge_creases=sharp, vertex_creases=dict.fromkeys(range(6), 1.0)
+    )
+    mesh = meshes.build(data)
+    fine, fine_triangles, *_ = surface(mesh, 4)
+    points = fine[fine_triangles].reshape(-1, 3)
+    cut = loop[[[0, 2, 4], [0, 1, 2], [2, 3, 4], [4, 5, 0]]]
+    off = point_to_triangles(np.repeat(points, 4, axis=0), np.tile(cut, (len(points), 1, 1))).reshape(-1, 4)
+    farthest = off.min(axis=1).max()
+    assert np.isinf(level_bounds(mesh, 0.95 * farthest, "DISTANCE", Vertices.LIMIT, 0)[0])
+    assert np.isfinite(level_bounds(mesh, 3 * farthest, "DISTANCE", Vertices.LIMIT, 0)[0])
+
+
+@pytest.mark.parametrize("name", ["house", "tetrahedron", "poles"])
+def test_at_level_0_control_points_are_shown_whatever_the_vertices(name: str) -> None:
+    mesh = meshes.build(TRIANGLES[name](1))
+    control, limit = (level_bounds(mesh, 10.0, "DISTANCE", vertices, 0) for vertices in Vertices)
+    np.testing.assert_array_equal(control, limit)
+    depths = [face_depths(mesh, 0.2, "DISTANCE", vertices).depths == 0 for vertices in Vertices]
+    np.testing.assert_array_equal(*depths)
+
+
+@pytest.mark.parametrize("smooth_corners", [True, False])
+@pytest.mark.parametrize("sides", [5, 40])
+def test_flat_polygons_alone_are_bounded_at_all_levels(sides: int, smooth_corners: bool) -> None:
+    turns = np.linspace(0, 2 * np.pi, sides, endpoint=False) + 0.05 * np.sin(np.arange(sides))
+    loop = np.stack([np.cos(turns), 2 * np.sin(turns), 0.01 * np.cos(3 * turns)], axis=1)
+    mesh = meshes.build(meshes.from_faces(loop, [list(range(sides))]), smooth_corners=smooth_corners)
+    bound = lone_polygon_bounds(mesh, np.arange(1))[0]
+    assert bound < 0.9 * 4 * (2 * np.pi / sides) ** 2
+    for vertices in Vertices:
+        assert face_depths(mesh, bound + 1e-3, "DISTANCE", vertices).depths[0] == 0
+        assert uniform_level(mesh, bound + 1e-3, "DISTANCE", vertices) <= 1
+        for level in (1, 2):
+            there, back, step = sampled(mesh, level, vertices)
+            assert max(back.max(), there.max() - OFF * step) <= bound
+    fine = surface(mesh, 4)[0]
+    assert np.linalg.norm(loop[:, None] - fine, axis=2).min(axis=1).max() <= bound
+    beside = meshes.from_faces([*loop, [3, 0, 0]], [list(range(sides)), [0, 1, sides]])
+    assert np.isinf(lone_polygon_bounds(meshes.build(beside), np.arange(1))[0])
+    star = meshes.from_faces(loop[np.arange(5) * (2 * sides // 5) % sides], [list(range(5))])
+    assert np.isinf(lone_polygon_bounds(meshes.build(star), np.arange(1))[0])
 
 
 def test_triangles_near_enough_have_depth_0() -> None:
@@ -247,8 +381,9 @@ def test_deepest_depths_of_large_meshes_are_proved(
 ) -> None:
     """Also where estimates find a level to be enough that is not."""
     mesh, size = case(name, 1)
-    plain = face_depths(mesh, tolerance * size, "DISTANCE", "CONTROL")
-    monkeypatch.setattr(distance_depth, "MOST_OF_A_MESH", 0)
+    plain = face_depths(mesh, tolerance * size, "DISTANCE", "CONTROL", effort="FULL")
+    for name in ("MOST_MEASURED", "MOST_REGULAR", "MOST_MAPPED"):
+        monkeypatch.setattr(distance_depth, name, 0)
     # Groups of faces with too many leaves are examined in parts, and measured in smaller ones.
     monkeypatch.setattr(distance_depth, "MOST_LEAVES", 1 << 6)
     monkeypatch.setattr(distance_depth, "MEASURED_AT_ONCE", 1 << 3)
@@ -256,6 +391,32 @@ def test_deepest_depths_of_large_meshes_are_proved(
     assert np.all(found.bounds <= tolerance * size)
     assert np.all(found.depths >= plain.depths)
     assert found.depths.max() == plain.depths.max()
+    assert not np.any(plain.might_need_less)
+    assert np.all(found.might_need_less[found.depths > plain.depths])
+
+
+@pytest.mark.parametrize("name", ["bevelled prism", "sphere", "landscape with creases", "wavy"])
+def test_every_effort_proves_its_depths_and_quick_measures_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, size = case(name, 1)
+    found = {effort: face_depths(mesh, 2e-3 * size, "DISTANCE", "LIMIT", effort=effort) for effort in Effort}
+    measured = []
+
+    def deviations(leaves: DrawnLeaves, *_: object) -> FloatArray:
+        measured.append(len(leaves.points))
+        return np.zeros(len(leaves.points))
+
+    monkeypatch.setattr(DrawnLeaves, "deviations", deviations)
+    quick = face_depths(mesh, 2e-3 * size, "DISTANCE", "LIMIT", effort="QUICK")
+    assert not measured
+    np.testing.assert_array_equal(quick.depths, found[Effort.QUICK].depths)
+    assert np.all(quick.might_need_less[found[Effort.FULL].depths < quick.depths])
+    assert np.all(found[Effort.NORMAL].depths <= quick.depths)
+    assert np.all(found[Effort.FULL].depths <= found[Effort.NORMAL].depths)
+    for each_one in found.values():
+        assert np.all((each_one.depths >= 0) & (each_one.bounds <= 2e-3 * size))
+        level = uniform_level(mesh, 2e-3 * size, "DISTANCE", "LIMIT", each_one)
+        there, back, step = sampled(mesh, level, Vertices.LIMIT)
+        assert max(back.max(), there.max() - OFF * step) <= 2e-3 * size
 
 
 def terraces(size: int) -> PolygonMesh:
@@ -271,7 +432,7 @@ def terraces(size: int) -> PolygonMesh:
 
 def test_a_mesh_of_many_faces_needs_no_deeper_level_than_a_part_of_it() -> None:
     part, whole = (face_depths(terraces(size), 0.01, "DISTANCE", "LIMIT") for size in (12, 42))
-    assert len(whole.depths) > 3 * distance_depth.MOST_WITH_BOUNDS
+    assert len(whole.depths) > distance_depth.MOST_REGULAR
     assert part.depths.max() == whole.depths.max() == 2
     assert np.all(whole.bounds <= 0.01)
     assert uniform_level(terraces(42), 0.01, "DISTANCE", "LIMIT", whole) == 2

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.adaptive.polygon_bounds import (
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.polygon_bounds import (
     HEIGHT_ROUNDING,
     line_turns,
     polygon_thickness,
 )
-from ccdepth_addon.core.arrays.types import FloatArray
 from tests import polygon_loops as loops
 from tests.drawn_levels import points_of
 from tests.polygon_loops import Loop

@@ -182,10 +182,10 @@ def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vert
 
 
 def test_what_lasts_in_one_pose_alone_does_not_last() -> None:
-    mesh = build(meshes.landscape(4, 4))
-    poses = [pose_of(mesh, share * mesh.positions, 0.05) for share in (0.5, 1.0)]
-    first, second = singles(poses, "DISTANCE", "CONTROL")
-    found = pose_depths(poses, "DISTANCE", "CONTROL")
+    mesh = build(meshes.bent(meshes.landscape(6, 6), lambda x, y, z: (x + y / 2, y, z)))
+    poses = [pose_of(mesh, share * mesh.positions, 0.03) for share in (0.5, 1.0)]
+    first, second = singles(poses, "DISTANCE", "LIMIT")
+    found = pose_depths(poses, "DISTANCE", "LIMIT")
     once = (first.depths == second.depths) & first.lasting & ~second.lasting
     assert once.any()
     assert not found.lasting[once].any()

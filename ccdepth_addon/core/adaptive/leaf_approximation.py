@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, selected_vectors, units
+from ..bounds.polygon_bounds import fan_normals, polygon_thickness
 from ..mesh.folded_quads import is_folded
 from ..surface.refinement import Refinement
-from .polygon_bounds import fan_normals, polygon_thickness
 from .rectangle_tree import ALONG_U, ALONG_V, QUARTERS
 from .request import AdaptiveRequest
 from .templates import ALL_SPLIT, COUNTS, WHOLE, Template

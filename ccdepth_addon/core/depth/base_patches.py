@@ -11,12 +11,23 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import LaterBounds, later_bounds
 from ..bounds.norm_bounds import PatchBounds, Vertices, second_order_regular
+from ..distance.foot_bounds import twists
+from ..surface.bicubic import FIRST_DIFFERENCE, apply, largest_norm, tensor
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ..surface.refinement import Refinement
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, PatchStencils, apply_stencils, patch_stencils
+from .tolerance import ToleranceTest
 
 # (P,) base faces, and (4, 4, P, 3) a net or the Bernstein coefficients of S - L for each.
 BasePatches = tuple[IndexArray, FloatArray]
+
+
+# (9, 16): the mixed differences of a net. Those of points j levels later are averages of these, times 4⁻ʲ.
+TWISTS = tensor(FIRST_DIFFERENCE, FIRST_DIFFERENCE)
+
+
+# The part of the tolerance up to which twists need no better bound.
+SMALL_TWIST = 1 / 16
 
 
 def joined_pieces(pieces: list[BasePatches]) -> BasePatches:
@@ -37,7 +48,7 @@ class RegularPatches:
     """Regular patches that appear at one level: (P,) base faces.
 
     rows: (P,) indices of their nets in (4, 4, N, 3), with perhaps further nets of settled faces. rough, later: bounds
-    by the norm alone and from the net itself, computed on first use.
+    by the norm alone and from the net itself, computed on first use; twist: (P,), of their facets, likewise.
     """
 
     level: int
@@ -46,6 +57,7 @@ class RegularPatches:
     nets: FloatArray
     rough: PatchBounds | None = None
     later: LaterBounds | None = None
+    twist: FloatArray | None = None
 
     @staticmethod
     def joined(level: int, pieces: list[BasePatches]) -> RegularPatches:
@@ -63,7 +75,8 @@ class RegularPatches:
             return self
         rough = None if self.rough is None else replace(self.rough, value=self.rough.value[chosen])
         later = None if self.later is None else self.later.of(chosen)
-        return RegularPatches(self.level, self.bases[chosen], self.rows[chosen], self.nets, rough, later)
+        twist = None if self.twist is None else self.twist[chosen]
+        return RegularPatches(self.level, self.bases[chosen], self.rows[chosen], self.nets, rough, later, twist)
 
     def nets_of(self, chosen: IndexArray) -> FloatArray:
         """(4, 4, chosen, 3): the nets of some of the patches, by index."""
@@ -84,6 +97,17 @@ class RegularPatches:
         if self.later is None:
             self.later = later_bounds(self.compact(), vertices)
         return self.later
+
+    def off_drawn(self, levels: int, vertices: Vertices, test: ToleranceTest) -> FloatArray:
+        """(P,): bounds of the distance between the facets, a number of levels later, and their triangles along either
+        diagonal. Levels may not fall from call to call."""
+        if self.twist is None:
+            self.twist = largest_norm(apply(TWISTS, self.compact())) / 4
+            large = np.flatnonzero(self.twist * 0.25**levels > SMALL_TWIST * test.tolerance)
+            if vertices is Vertices.LIMIT and len(large):
+                nets = self.nets_of(large).reshape(16, -1, 3)
+                self.twist[large] = twists(np.ascontiguousarray(nets.swapaxes(1, 2)))
+        return self.twist * 0.25**levels
 
 
 @dataclass

@@ -20,6 +20,7 @@ import numpy as np
 from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
 from ..bounds.facet_bounds import (
     CORNER_ROWS,
     control_corner_errors,
@@ -34,6 +35,7 @@ from ..bounds.norm_bounds import (
     sharp_extraordinary,
     support_bounds,
 )
+from ..bounds.polygon_bounds import polygon_thickness
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
@@ -58,21 +60,56 @@ OTHER_FACES_TOGETHER = 1 << 15
 
 # The number of times undecided parts are split. Each split multiplies the gap between the bounds by about a quarter for
 # a patch in Bernstein form, by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex, and by a half
-# with only the support known.
+# with only the support known. Bounds of what is drawn are first bounds, for which less is enough, and least for regular
+# faces, which have others.
 NET_SPLITS = 3
 DIFFERENCE_SPLITS = 9
+DRAWN_SPLITS = 1, 4
 REFINEMENTS = 18
 
 # Most undecided pieces in Bernstein form: of a face, before its level is given up, and of all faces at a time.
 MOST_PIECES_OF_A_FACE = 128
 MOST_PIECES = 1 << 13
 
+# The least turn at a corner of a convex facet, in parts of its longest side squared.
+LEAST_TURN = 2.0**-40
+
 
 def certified_depths(
     mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
 ) -> Iterator[FaceDepths]:
     """The certified depths of some faces, in chunks. tick: called while they compute, and may raise."""
-    return map_in_threads(lambda begin: begin().run(), _searches(mesh, faces, test, vertices), tick)
+    return map_in_threads(lambda begin: begin().run(), _searches(mesh, faces, test, vertices, False), tick)
+
+
+@dataclass
+class DrawnLevels:
+    """The certified bounds of what is drawn, for triangles along either diagonal, level by level from ``level`` on."""
+
+    mesh: PolygonMesh
+    test: ToleranceTest
+    vertices: Vertices
+    level: int
+    searches: list[_CertifiedSearch] | None = None
+
+    def bounds(self, faces: IndexArray, tick: Callable[[], None]) -> FloatArray:
+        """(n,): the bounds of faces (n,), ascending, at the next level; infinite without a proof. At later levels only
+        faces without a proof may be asked for. tick: called meanwhile, and may raise to stop."""
+        if self.searches is None:
+            self.searches = [begin() for begin in _searches(self.mesh, faces, self.test, self.vertices, True)]
+            for search in self.searches:
+                search.skip_to(self.level)
+        found = np.full(len(faces), np.inf)
+
+        def evaluate(search: _CertifiedSearch) -> LevelBounds:
+            places = np.minimum(np.searchsorted(faces, search.faces), max(len(faces) - 1, 0))
+            return search.next_bounds(self.level, faces[places] == search.faces if len(faces) else search.faces < 0)
+
+        for block in map_in_threads(evaluate, self.searches, tick):
+            is_proved = np.isfinite(block.bounds)
+            found[np.searchsorted(faces, block.faces[is_proved])] = block.bounds[is_proved]
+        self.level += 1
+        return found
 
 
 def certified_level_bounds(
@@ -84,25 +121,28 @@ def certified_level_bounds(
     tick: Callable[[], None],
     *,
     nearly: bool,
+    as_drawn: bool = False,
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called while they compute, and may raise.
 
-    nearly: whether bounds have to be as near as in ``certified_depths``; other bounds take less time.
+    nearly: whether bounds have to be as near as in ``certified_depths``; other bounds take less time. as_drawn: whether
+    the distance of triangles counts, along either diagonal, and not of facets.
     """
-    return map_in_threads(lambda begin: begin().at(level, nearly=nearly), _searches(mesh, faces, test, vertices), tick)
+    searches = _searches(mesh, faces, test, vertices, as_drawn)
+    return map_in_threads(lambda begin: begin().at(level, nearly=nearly), searches, tick)
 
 
 def _searches(
-    mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices
+    mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, as_drawn: bool
 ) -> Iterator[Callable[[], _CertifiedSearch]]:
     """Functions that start the search of a chunk of the faces each."""
 
     def begin_regular(some: IndexArray) -> _CertifiedSearch:
         nets = [(np.arange(len(some)), regular_nets(mesh, some))]
-        return _CertifiedSearch(test, vertices, some, nets, None)
+        return _CertifiedSearch(test, vertices, as_drawn, some, nets, None)
 
     def begin_other(part: PolygonMesh, own: IndexArray, some: IndexArray) -> _CertifiedSearch:
-        return _CertifiedSearch(test, vertices, some, [], Refinement.start(part, own))
+        return _CertifiedSearch(test, vertices, as_drawn, some, [], Refinement.start(part, own))
 
     is_regular = classify_patches(mesh).kinds[faces] == PatchKind.REGULAR
     # The slowest first, so that none of them runs alone at the end.
@@ -118,16 +158,32 @@ def _searches(
 class _CertifiedSearch:
     """The search for the depths of some base faces: their patches so far, and the refinement of the rest.
 
-    new_patches: the regular patches that appear at the next level to be evaluated.
+    as_drawn: as of ``certified_level_bounds``. new_patches: the regular patches that appear at the next level to be
+    evaluated.
     """
 
     test: ToleranceTest
     vertices: Vertices
+    as_drawn: bool
     faces: IndexArray
     new_patches: list[BasePatches]
     refinement: Refinement | None
     patches: list[RegularPatches] = field(default_factory=list)
     extraordinary: list[ExtraordinaryPatches] = field(default_factory=list)
+
+    def skip_to(self, level: int) -> None:
+        """Refine all base faces up to a level."""
+        for own in range(level):
+            self._collect_patches(own)
+            self._descend(np.ones(len(self.faces), dtype=bool))
+
+    def next_bounds(self, level: int, wanted: BoolArray) -> LevelBounds:
+        """The proved bounds of the wanted base faces (B,) bool at the search's current level; the search goes on to the
+        next level with wanted faces without a proof."""
+        decision = LevelDecision.of(self.test, wanted)
+        settled = self._evaluate_level(decision, level)
+        self._descend(wanted & ~settled)
+        return LevelBounds(self.faces, np.where(settled, decision.bounds(), np.inf))
 
     def run(self) -> FaceDepths:
         """The depths of the base faces."""
@@ -163,6 +219,9 @@ class _CertifiedSearch:
         with_distances: whether to find the largest distances reached.
         """
         self._collect_patches(level)
+        if self.as_drawn:
+            decision.off = self._off_drawn(level)
+            decision.wanted &= self.test.within(decision.off)
         self._evaluate_corners(decision)
         # The slowest to converge comes first: it disproves most levels, and then the many regular patches need not be
         # evaluated.
@@ -172,7 +231,8 @@ class _CertifiedSearch:
         evaluated = self._evaluate_patches(decision, level)
         self._evaluate_refinement(decision)
         if decision.open_differences:
-            self._evaluate_differences(decision, *joined_pieces(decision.open_differences))
+            splits = DRAWN_SPLITS[self.refinement is not None] if self.as_drawn else DIFFERENCE_SPLITS
+            self._evaluate_differences(decision, *joined_pieces(decision.open_differences), splits)
         settled = decision.wanted & np.isfinite(decision.upper)
         for regular in evaluated:
             # Without bounds by the norm alone, the bounds from the nets are recorded already.
@@ -188,8 +248,12 @@ class _CertifiedSearch:
         for place, patches in enumerate(self.patches):
             if patches.level == own:
                 rough = patches.rough_bounds(self.vertices).at(level - own)
+                if self.as_drawn:
+                    rough = rough + patches.off_drawn(level - own, self.vertices, self.test)
                 self.patches[place] = patches.at(_undecided(decision, patches.bases, rough))
                 self.patches[place].compact()
+        if self.as_drawn:
+            return
         of_valences = []
         for extraordinary in self.extraordinary:
             bounds = sharp_extraordinary(extraordinary.nets, self.vertices).at(level - own)
@@ -225,8 +289,20 @@ class _CertifiedSearch:
             self.patches.append(RegularPatches.joined(level, self.new_patches))
             self.new_patches = []
 
+    def _off_drawn(self, level: int) -> FloatArray:
+        """(B,): bounds of the distance between the facets at the search's current level and what is drawn."""
+        found = np.zeros(len(self.faces))
+        for regular in self.patches:
+            np.maximum.at(found, regular.bases, regular.off_drawn(level - regular.level, self.vertices, self.test))
+        for patches in self.extraordinary:
+            np.maximum.at(found, patches.bases, _off_diagonals(patches.corners(self.vertices)))
+        if self.refinement is not None and len(self.refinement.bases):
+            off = _off_polygons(self.refinement, self._vertices_of(self.refinement))
+            np.maximum.at(found, self.refinement.bases, off)
+        return found
+
     def _evaluate_corners(self, decision: LevelDecision) -> None:
-        """Disprove faces by the distances of control points at extraordinary vertices from their limits.
+        """Disprove faces by the distances of control points from their limits, where faces are not regular.
 
         This test is the cheapest, and disproves most insufficient levels.
         """
@@ -234,6 +310,11 @@ class _CertifiedSearch:
             for patches in self.extraordinary:
                 gaps = largest_norm(patches.corners(Vertices.CONTROL) - patches.corners(Vertices.LIMIT))
                 decision.disprove(patches.bases, gaps)
+            rest = self.refinement
+            if rest is not None and len(rest.bases):
+                gaps = lengths(rest.limits_at_corners - rest.mesh.positions[rest.corner_vertices()])
+                starts = rest.mesh.face_starts[: len(rest.bases)]
+                decision.disprove(rest.bases, np.maximum.reduceat(gaps, starts))
 
     def _evaluate_patches(self, decision: LevelDecision, level: int) -> list[RegularPatches]:
         """The regular patches of the wanted faces, evaluated.
@@ -247,7 +328,7 @@ class _CertifiedSearch:
                 continue
             levels = level - patches.level
             if self.refinement is not None:
-                near = self.test.within(patches.rough_bounds(self.vertices).at(levels))
+                near = self.test.within(patches.rough_bounds(self.vertices).at(levels) + decision.off[patches.bases])
                 evaluated.append(patches.at(np.flatnonzero(near)))
                 patches = patches.at(np.flatnonzero(~near))
             self._evaluate_nets(decision, patches, levels)
@@ -259,7 +340,8 @@ class _CertifiedSearch:
         first."""
         undecided = np.flatnonzero(decision.update(patches.bases, *self._first_bounds(patches, levels)))
         bases, nets = patches.bases[undecided], patches.nets_of(undecided)
-        for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
+        splits = 0 if self.as_drawn else NET_SPLITS
+        for remaining in range(levels, max(levels - splits, 0) - 1, -1):
             if not len(bases):
                 return
             undecided = np.flatnonzero(decision.update(bases, *self._closer_bounds(nets, remaining)))
@@ -379,7 +461,7 @@ class _CertifiedSearch:
         return refinement.keep(classified.rest), facets.compress(classified.rest, axis=1).swapaxes(0, 1).reshape(-1, 3)
 
     def _evaluate_differences(
-        self, decision: LevelDecision, bases: IndexArray, values: FloatArray, splits: int = DIFFERENCE_SPLITS
+        self, decision: LevelDecision, bases: IndexArray, values: FloatArray, splits: int
     ) -> None:
         """Evaluate differences S - L in Bernstein form, splitting them while undecided, up to a number of times."""
         bases, values = selected_pieces(bases, values, decision.wanted[bases])
@@ -411,6 +493,32 @@ def _groups(counts: IndexArray, most: int) -> Iterator[BoolArray]:
     group = (np.cumsum(counts) - counts) // most
     for number in np.unique(group[counts > 0]):
         yield (group == number) & (counts > 0)
+
+
+def _off_diagonals(facets: FloatArray) -> FloatArray:
+    """(P,): bounds of the distance of bilinear facets (4, P, 3) from their triangles along either diagonal.
+    docs/distance.md, Facets."""
+    sides = np.roll(facets, -1, axis=0) - facets
+    normals = units(cross_products(facets[2] - facets[0], facets[3] - facets[1]))
+    twists = sides[2] + sides[0]
+    turns = dot_products(cross_products(np.roll(sides, 1, axis=0), sides), normals).min(axis=0)
+    is_convex = turns > LEAST_TURN * squared_norms(sides).max(axis=0)
+    found: FloatArray = lengths(twists) / 4
+    return np.where(is_convex, np.minimum(found, np.abs(dot_products(twists, normals)) / 2), found)
+
+
+def _off_polygons(refinement: Refinement, corners: FloatArray) -> FloatArray:
+    """(K,): bounds of the distance between the facets of descendants, given at their corners (C, 3), and what is drawn
+    for these: 0 of triangles, which are their facets, and infinite of most polygons that are not convex."""
+    count = len(refinement.bases)
+    sizes, starts, found = refinement.mesh.face_sizes[:count], refinement.mesh.face_starts[:count], np.zeros(count)
+    quads, polygons = np.flatnonzero(sizes == 4), np.flatnonzero(sizes > 4)
+    found[quads] = _off_diagonals(corners[starts[quads] + np.arange(4)[:, None]])
+    if len(polygons):
+        facets = refinement.facets_of_children(corners)[:, np.repeat(sizes > 4, sizes)]
+        first = np.cumsum(sizes[polygons]) - sizes[polygons]
+        found[polygons] = polygon_thickness(facets, np.zeros(facets.shape[1], dtype=bool), first, None)
+    return found
 
 
 def _quads(corners: FloatArray) -> FloatArray:

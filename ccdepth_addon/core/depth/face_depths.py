@@ -19,7 +19,7 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
 from .certified_depth import certified_depths, certified_level_bounds
-from .distance_depth import distance_bounds_at, distance_depths, distance_level_bounds
+from .distance_depth import Effort, distance_bounds_at, distance_depths, distance_level_bounds
 from .level_leaves import rings_around
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
@@ -43,14 +43,15 @@ def face_depths(
     vertices: str,
     progress: Progress = no_report,
     *,
+    effort: str = "NORMAL",
     is_checked: bool = False,
 ) -> FaceDepths:
     """The depth of every face of a mesh whose sharpness is explicit (``sharpness.apply_boundary_rule``).
 
     tolerance: the largest distance allowed, in the unit of the positions. method, vertices: names of ``Method`` and
-    ``Vertices``. progress: receives the rising fraction done, and may raise to stop. is_checked: whether
-    ``check_input`` has accepted mesh and tolerance already. Raises InvalidMeshError, ToleranceError, and ValueError for
-    an unknown name.
+    ``Vertices``. progress: receives the rising fraction done, and may raise to stop. effort: a name of ``Effort``, for
+    DISTANCE. is_checked: whether ``check_input`` has accepted mesh and tolerance already. Raises InvalidMeshError,
+    ToleranceError, and ValueError for an unknown name.
     """
     if not is_checked:
         check_input(mesh, tolerance)
@@ -58,7 +59,7 @@ def face_depths(
     every = np.arange(mesh.face_count)
     whole = FaceDepths.undecided(every)
     counter = _Counter(progress, mesh.face_count)
-    for part in depths_in_chunks(mesh, test, Method(method), Vertices(vertices), every, counter.tick):
+    for part in depths_in_chunks(mesh, test, Method(method), Vertices(vertices), every, Effort(effort), counter.tick):
         whole.update(part)
         counter.add(len(part.faces))
     return whole
@@ -214,11 +215,12 @@ def depths_in_chunks(
     method: Method,
     vertices: Vertices,
     faces: IndexArray,
+    effort: Effort,
     tick: Callable[[], None],
 ) -> Iterator[FaceDepths]:
     """The depths of some faces, in chunks. tick: called meanwhile, and may raise to stop."""
     if method is Method.DISTANCE:
-        return distance_depths(mesh, test, vertices, faces, tick)
+        return distance_depths(mesh, test, vertices, faces, effort, tick)
     if method is Method.CERTIFIED:
         return certified_depths(mesh, faces, test, vertices, tick)
     return norm_depths(mesh, test, PATCH_METHODS[method], vertices, faces, tick)

@@ -15,24 +15,25 @@ from .tolerance import ToleranceTest
 @dataclass
 class LevelDecision:
     """The bounds found so far for the level-k facets of B base faces. wanted: (B,) bool, faces that are not disproved.
-    upper, lower: (B,) float64, bounds of the distances over the decided parts. open_differences: S - L over undecided
-    parts.
+    upper, lower: (B,) float64, bounds of the distances over the decided parts. off: (B,) float64, the distance that
+    counts besides, of the facets from what is drawn for them. open_differences: S - L over undecided parts.
     """
 
     test: ToleranceTest
     wanted: BoolArray
     upper: FloatArray
     lower: FloatArray
+    off: FloatArray
     open_differences: list[BasePatches] = field(default_factory=list)
 
     @staticmethod
     def of(test: ToleranceTest, wanted: BoolArray) -> LevelDecision:
-        count = len(wanted)
-        return LevelDecision(test, wanted.copy(), np.zeros(count), np.zeros(count))
+        return LevelDecision(test, wanted.copy(), *np.zeros((3, len(wanted))))
 
     def update(self, bases: IndexArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
         """Record the bounds of parts of base faces. Returns (parts,) bool, the parts still undecided."""
         self.disprove(bases, lower)
+        upper = upper + self.off[bases]
         within = self.test.within(upper)
         np.maximum.at(self.upper, bases[within], upper[within])
         return ~within & self.wanted[bases]
@@ -46,7 +47,7 @@ class LevelDecision:
         """(B,): the proved distances of settled faces. A part with only a rough bound is within the tolerance, and
         within a distance that some other part reaches.
         """
-        reached = np.maximum(self.upper, self.lower) + self.test.allowance
+        reached = np.maximum(self.upper, self.lower + self.off) + self.test.allowance
         return np.minimum(reached, self.test.tolerance)
 
     def give_up(self, bases: IndexArray) -> None:

@@ -54,7 +54,8 @@ class LevelLeaves:
         bounds = np.zeros(count)
         for own_level in range(level + 1):
             is_regular = _are_regular(refinement, is_own)
-            feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, is_turned, lambda: None)
+            near = rings_around(refinement.mesh, is_regular, 1)
+            feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, is_turned, lambda: None, near)
             left = level - own_level
             for found in feet.bounds(
                 np.flatnonzero(is_regular), left, vertices, limit, lambda: None, are_divided=left == 0

@@ -47,7 +47,8 @@ class PoseDepths:
 
     depths: int32. bounds: float64, the largest distance proved at that depth, over all poses. exact: bool, whether
     every lesser depth is disproved in the first pose. lasting: bool, whether the face is also proved to be within the
-    tolerance in all poses at every later level. alone: bool, as of ``FaceDepths``, in all poses.
+    tolerance in all poses at every later level. alone: bool, as of ``FaceDepths``, in all poses. might_need_less: bool,
+    as of ``FaceDepths``, in the first pose.
     """
 
     depths: NDArray[np.int32]
@@ -55,23 +56,28 @@ class PoseDepths:
     exact: BoolArray
     lasting: BoolArray
     alone: BoolArray
+    might_need_less: BoolArray
 
     def deepen(self, faces: IndexArray, depths: NDArray[np.int32]) -> None:
         """Give some faces greater depths, still without proof."""
         self.depths[faces], self.bounds[faces] = depths, 0.0
         self.exact[faces], self.lasting[faces], self.alone[faces] = False, True, True
+        self.might_need_less[faces] = False
 
 
-def pose_depths(poses: Sequence[Pose], method: str, vertices: str, progress: Progress = no_report) -> PoseDepths:
+def pose_depths(
+    poses: Sequence[Pose], method: str, vertices: str, progress: Progress = no_report, *, effort: str = "NORMAL"
+) -> PoseDepths:
     """The depth of every face over all poses of a mesh.
 
-    poses: all checked (``check_pose``). method, vertices: as in ``face_depths``. progress: receives the rising fraction
-    done, and may raise to stop.
+    poses: all checked (``check_pose``). method, vertices, effort: as in ``face_depths``. progress: receives the rising
+    fraction done, and may raise to stop.
     """
     share = FIRST_POSE / (FIRST_POSE + len(poses) - 1)
     mesh, tolerance = poses[0].make(), poses[0].tolerance
-    first = face_depths(mesh, tolerance, method, vertices, part_of(progress, 0.0, share), is_checked=True)
-    found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting, first.alone)
+    part = part_of(progress, 0.0, share)
+    first = face_depths(mesh, tolerance, method, vertices, part, effort=effort, is_checked=True)
+    found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting, first.alone, first.might_need_less)
     every = np.ones(mesh.face_count, dtype=bool)
     _prove(poses, method, vertices, found, every, part_of(progress, share, 1 - share), first=1)
     return found

@@ -35,6 +35,7 @@ class FaceDepths:
     float64, a distance reached there (0 for methods that compute none). exact: bool, whether every lesser depth is
     disproved. lasting: bool, whether the face is proved to be within the tolerance at every later level, too. alone:
     bool, whether each of its leaves at that depth that has no feet is proved both ways, whatever is beside it.
+    might_need_less: bool, whether more effort might prove a lesser depth.
     """
 
     faces: IndexArray
@@ -44,6 +45,7 @@ class FaceDepths:
     exact: BoolArray
     lasting: BoolArray
     alone: BoolArray
+    might_need_less: BoolArray
 
     @staticmethod
     def undecided(faces: IndexArray) -> FaceDepths:
@@ -57,6 +59,7 @@ class FaceDepths:
             exact=np.ones(count, dtype=bool),
             lasting=np.zeros(count, dtype=bool),
             alone=np.zeros(count, dtype=bool),
+            might_need_less=np.zeros(count, dtype=bool),
         )
 
     def settle(self, chosen: BoolArray, depth: int, bounds: FloatArray, distances: FloatArray | None = None) -> None:
@@ -73,8 +76,8 @@ class FaceDepths:
 
     def update(self, part: FaceDepths) -> None:
         """Copy the results of some faces into these results, which must be for faces 0, 1, 2, …"""
-        for name in ("depths", "bounds", "distances", "exact", "lasting", "alone"):
-            vars(self)[name][part.faces] = vars(part)[name]
+        for name, column in vars(part).items():
+            vars(self)[name][part.faces] = column
 
 
 @dataclass(frozen=True)

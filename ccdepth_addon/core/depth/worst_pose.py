@@ -74,7 +74,7 @@ def _share(
     test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     shares = np.zeros(mesh.face_count)
     for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, tick):
-        # A distance without a proof here was proved with fewer faces at once (``MOST_WITH_BOUNDS``).
+        # A distance without a proof here was proved with fewer faces at once (``MOST_REGULAR``).
         shares[block.faces] = np.minimum(block.bounds / pose.tolerance, 1.0)
     farther = np.flatnonzero(shares > worst.share * (1 + ALIKE))
     farther = farther[np.argsort(-shares[farther], kind="stable")]

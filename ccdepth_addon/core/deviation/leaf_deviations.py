@@ -128,9 +128,10 @@ class DrawnLeaves:
             found[self.is_folded] = np.maximum(found, others)[self.is_folded]
         return found + rounded
 
-    def surface_beyond(self, chosen: IndexArray, drawn: DrawnLeaves, limit: float) -> IndexArray:
+    def surface_beyond(self, chosen: IndexArray, drawn: DrawnLeaves, limit: float) -> tuple[IndexArray, FloatArray]:
         """Those of chosen leaves (n,) with a point of the surface that seems farther than the limit from the triangles
-        of ``drawn``, by the point of a piece that is farthest from the leaf's own. Nothing is proved by that."""
+        of ``drawn``, by the point of a piece that is farthest from the leaf's own, and these distances; leaves may be
+        repeated. Nothing is proved by that."""
         rows, which = self._pieces_of(chosen)
         points, excess = np.matmul(self.pieces.coefficients[which], SAMPLED.T), self.pieces.excess[which]
         corners = columns(np.repeat(self._quads(chosen)[rows], len(SAMPLED), axis=0))
@@ -140,7 +141,8 @@ class DrawnLeaves:
         far = np.flatnonzero(off.max(axis=1) - excess > limit)
         farthest = points[far, :, off[far].argmax(axis=1)]
         found = nearest_triangles(drawn._around(), farthest).distances if len(far) else excess[far]
-        return np.unique(chosen[rows[far[found - excess[far] > limit]]])
+        found = found - excess[far]
+        return chosen[rows[far[found > limit]]], found[found > limit]
 
     def drawn_beyond(self, chosen: IndexArray, limit: float) -> IndexArray:
         """Those of chosen leaves (n,) with a corner, or a middle of a side or of the diagonal, that seems farther than

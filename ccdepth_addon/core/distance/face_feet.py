@@ -61,12 +61,21 @@ class FaceFeet:
     is_turned: BoolArray
 
     @staticmethod
-    def of(mesh: PolygonMesh, vertices: Vertices, is_turned: BoolArray, tick: Callable[[], None]) -> FaceFeet:
+    def of(
+        mesh: PolygonMesh,
+        vertices: Vertices,
+        is_turned: BoolArray,
+        tick: Callable[[], None],
+        is_near: BoolArray | None = None,
+    ) -> FaceFeet:
         """is_turned: (K,) bool, of the mesh's first K faces, all faces around which are there: whether they are drawn
-        with the diagonal from corner 1 to 3."""
+        with the diagonal from corner 1 to 3. is_near: (K,) bool, the faces with bounds and all faces that touch these;
+        all of the K faces if there is none."""
         patches = classify_patches(mesh)
         is_regular = patches.kinds == PatchKind.REGULAR
         is_regular[len(is_turned) :] = False
+        if is_near is not None:
+            is_regular[: len(is_near)] &= is_near
         regular = np.flatnonzero(is_regular)
 
         def bound(some: IndexArray) -> FootBounds:
@@ -82,12 +91,12 @@ class FaceFeet:
         for own, values in zip(at_vertices, (whole.curvature, whole.speed), strict=True):
             for corner in range(4):
                 np.maximum.at(own, corners[:, corner], values)
-        is_known, is_near = is_regular.copy(), np.zeros(mesh.vertex_count, dtype=bool)
+        is_known, is_beside = is_regular.copy(), np.zeros(mesh.vertex_count, dtype=bool)
         for valence, faces in by_valence(mesh, patches, len(is_turned))[1]:
             is_known[faces] = True
             found = _of_children(mesh, patches.extraordinary_corners[faces], valence)
             for at, *constants in zip(*found, strict=True):
-                is_near[at] = True
+                is_beside[at] = True
                 for own, values in zip(at_vertices, constants, strict=True):
                     np.maximum.at(own, at, values)
         # Feet stay on faces with known curvature, where the surface is smooth.
@@ -96,7 +105,7 @@ class FaceFeet:
         at_vertices[:, unknown] = np.inf
         curvature, speed = at_vertices[:, corners].max(axis=2)
         # Beside an extraordinary face, feet stay on the regular children there: they may go half as far.
-        speed[is_near[corners].any(axis=1)] *= 2
+        speed[is_beside[corners].any(axis=1)] *= 2
         curvature[~patches.inside[regular]] = np.inf
         if vertices is Vertices.LIMIT:
             # Triangles that might face apart would be drawn along the other diagonal; in the space of that choice,

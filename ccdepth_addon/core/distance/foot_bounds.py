@@ -279,6 +279,18 @@ def _highest(uu: FloatArray, vv: FloatArray, uv: FloatArray) -> FloatArray:
     return np.where(is_inside, np.maximum(inside, highest), highest)
 
 
+def twists(nets: FloatArray) -> FloatArray:
+    """(P,): bounds of the distance between bilinear facets, with vertices on the surface over regular faces with nets
+    (16, 3, P), and their triangles along either diagonal; multiply by 4⁻ʲ for level j. docs/distance.md, Facets."""
+    frame = Frame.of(nets)
+    height, along_u, along_v = frame.largest[2]
+    highest = (height + frame.tilts[0] * along_u + frame.tilts[1] * along_v) / 2
+    points = nets - nets[5]
+    mixed = matrix_product(SECONDS[OF_SECONDS[2]], points.reshape(16, -1)).reshape(-1, *nets.shape[1:])
+    longest = np.sqrt((mixed * mixed).sum(axis=1).max(axis=0)) / 4 + ROUNDING * np.abs(points).max(axis=(0, 1))
+    return np.where(frame.is_known, np.minimum(highest, longest), longest) * (1 + ROUNDING)
+
+
 def equal_bounds(nets: FloatArray, vertices: Vertices) -> FloatArray:
     """(P,): bounds of ‖e‖ at equal parameters over regular faces with nets (16, 3, P), with either diagonal; multiply
     by 4⁻ʲ for level j."""

@@ -14,6 +14,7 @@ from ..arrays.types import FloatArray
 from ..arrays.vectors import squared_norms
 
 SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
+FIRST_DIFFERENCE = np.array([[-1, 1, 0, 0], [0, -1, 1, 0], [0, 0, -1, 1]], dtype=np.float64)
 SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)
 FIRST_HALF = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
 HALVES = (FIRST_HALF, FIRST_HALF[::-1, ::-1])

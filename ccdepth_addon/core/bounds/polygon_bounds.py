@@ -40,14 +40,14 @@ MOST_UNEVEN = 1e4
 
 
 def polygon_thickness(
-    facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray, largest: float = 0.0
+    facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray | None, largest: float = 0.0
 ) -> FloatArray:
     """(P,) float64: upper bounds of the distance between a polygon of more than four vertices, as Blender
     triangulates it, and its fan; inf where neither proof holds.
 
     facets: (4, C, 3), the fan's quads: corner, middle of the side after it, centroid, middle of the side before. bent:
     (C,) whether the polygon has a vertex of its own at the middle after each corner; starts: (P,) its first corner.
-    largest: the largest coordinate in the space of the axes.
+    axes: None uses the first proof alone. largest: the largest coordinate in the space of the axes.
     """
     sizes = np.diff(starts, append=facets.shape[1])
     corners, middles, centroids, _ = facets
@@ -64,7 +64,7 @@ def polygon_thickness(
 
     is_region = _is_region(facets, starts, normals)
     found = np.where(is_region, np.hypot(thickness, _dents(facets, following, bent, of_corner, starts)), np.inf)
-    if np.linalg.cond(axes) <= MOST_UNEVEN:
+    if axes is not None and np.linalg.cond(axes) <= MOST_UNEVEN:
         lines = units(normals @ axes @ axes.T)
         turns = line_turns(facets, starts, axes, largest)
         cosines = np.einsum("ij,ij->i", normals, lines) - turns
