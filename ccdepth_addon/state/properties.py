@@ -73,7 +73,7 @@ VERTEX_ITEMS = tuple((name, *texts, "NONE", VERTEX_NUMBERS[name]) for name, text
 
 EFFORT_ITEMS = (
     ("QUICK", "Quick", "Measure nothing: some faces get more levels than they need"),
-    ("NORMAL", "Normal", "Measure a limited number of parts, those first that save most faces"),
+    ("NORMAL", "Normal", "Measure a limited number of parts, and then the deepest faces"),
     ("FULL", "Full", "Measure whatever might save faces, however long it takes"),
 )
 
