@@ -181,8 +181,8 @@ class SampledSurface:
         *,
         only_largest: bool = False,
     ) -> tuple[FloatArray, IndexArray]:
-        """(N,) twice: the angles of samples with the other side, 0 for those that do not count or are hardly above
-        ``enough``; and the triangles they belong to. only_largest: look at a part, for the largest of all."""
+        """(N,) twice: the angles of samples with the other side, at most 0 for those that do not count or are hardly
+        above ``enough``; and the triangles they belong to. only_largest: look at a part, for the largest of all."""
         angles, which, reach = np.empty((3, len(samples.places)))
         for part in chunks(len(angles), AT_ONCE):
             nearest = nearest_triangles(other.triangles, samples.places[part])
@@ -197,15 +197,17 @@ class SampledSurface:
             block = block[angles[block] > enough]
             if not len(block) or (only_largest and looked_at >= MOST_LOOKED_AT):
                 break
-            found[block] = self._smallest(samples, block, reach[block], other)
+            found[block] = self._smallest(samples, block, reach[block], other, enough)
             if only_largest:
                 enough = max(enough, found[block].max())
-                looked_at += np.count_nonzero(found[block])
+                looked_at += np.count_nonzero(found[block] >= 0.0)
             tick()
         return found, triangles
 
-    def _smallest(self, samples: Samples, block: IndexArray, reach: FloatArray, other: Shaded) -> FloatArray:
-        """(n,): the smallest angles of samples with points within reach, 0 for those that do not count."""
+    def _smallest(
+        self, samples: Samples, block: IndexArray, reach: FloatArray, other: Shaded, enough: float
+    ) -> FloatArray:
+        """(n,): the smallest angles of samples with points within reach; -1 where one above ``enough`` does not count."""
         places, own = samples.places[block], samples.normals[block]
         owners, normals, distances = _within(places, reach, other)
         angles = _angles(own[owners], normals)
@@ -221,7 +223,7 @@ class SampledSurface:
         turn = np.zeros(len(block))
         # Beyond a right angle it is another sheet.
         np.maximum.at(turn, owners, np.where(turns < np.pi / 2, turns, 0.0))
-        return np.where(turn < angles[best], angles[best], 0.0)
+        return np.where((turn < angles[best]) | (angles[best] <= enough), angles[best], -1.0)
 
 
 def _within(places: FloatArray, reach: FloatArray, shaded: Shaded) -> tuple[IndexArray, FloatArray, FloatArray]:
