@@ -95,8 +95,8 @@ def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) ->
     call_for(objects, bpy.ops.ccdepth.subdivide)
     made = list(objects)
     if not in_place:
-        results = {each.ccdepth.source_name: each for each in bpy.data.objects if each not in before}
-        made = [results[name] for name in names]
+        results = {each.ccdepth.source: each for each in bpy.data.objects if each not in before}
+        made = [results[each] for each in objects]
     print_facts(made)
     return [
         (replace(_adaptive_entry(each, settings), name=name, faces=count), each)

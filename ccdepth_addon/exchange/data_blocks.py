@@ -6,12 +6,31 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import count
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import bmesh
 import bpy
 
 Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
+
+
+class Identity(NamedTuple):
+    """An object and its mesh by their session identifiers, without references to Blender's data; and its name, for
+    people: a linked object may have the same."""
+
+    uid: int
+    mesh_uid: int
+    name: str
+
+    @classmethod
+    def of(cls, blender_object: bpy.types.Object) -> Identity:
+        return cls(blender_object.session_uid, blender_object.data.session_uid, blender_object.name)
+
+
+def objects_with(uids: Iterable[int]) -> list[bpy.types.Object | None]:
+    """The objects with these session identifiers, in their order, and None for removed ones."""
+    by_uid = {each.session_uid: each for each in bpy.data.objects}
+    return [by_uid.get(uid) for uid in uids]
 
 
 def unused_name(prefix: str, taken: Container[str]) -> str:

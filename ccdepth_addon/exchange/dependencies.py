@@ -15,7 +15,7 @@ import numpy as np
 from ..core import FloatArray
 from .changes import known_changes
 from .control_mesh import gram_matrix
-from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, checksum_of_points, own_mesh
+from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, checksum_of_points, own_checksum
 from .modifiers import (
     NOT_SHAPING,
     OF_OBJECT,
@@ -88,8 +88,7 @@ def _checksum(holder: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier],
     described = [*texts, *_shape_keys(holder), *map(_modifier, shaping)]
     others = any(map(_depends_on_more, shaping))
     if others:
-        with own_mesh(holder) as mesh:
-            described.append(str(attributes_checksum(mesh)))
+        described.append(str(own_checksum(holder, attributes_checksum)))
     checksum = f"{crc32(chr(10).join(described).encode(errors='backslashreplace')):08x}"
     if not others:
         return checksum

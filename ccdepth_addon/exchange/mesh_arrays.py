@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 from zlib import crc32
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..core import FloatArray, PolygonMesh, crease_to_sharpness
 from .blender_arrays import TYPES, read_built_in, read_values
+from .changes import known_checksum
 from .data_blocks import convert_attribute, own_copy
 from .face_values import ATTRIBUTES
 from .modifiers import SurfaceRule
@@ -36,6 +37,14 @@ def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
         yield scratch
     finally:
         bpy.data.meshes.remove(scratch)
+
+
+def own_checksum(blender_object: bpy.types.Object, checksum_of: Callable[[bpy.types.Mesh], int]) -> int:
+    """A checksum of the object's mesh, as known, or in Edit Mode of the edited mesh."""
+    if not blender_object.data.is_editmode:
+        return known_checksum(blender_object.data, checksum_of)
+    with own_mesh(blender_object) as mesh:
+        return checksum_of(mesh)
 
 
 def mesh_face_count(mesh: bpy.types.Mesh) -> int:

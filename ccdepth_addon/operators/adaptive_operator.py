@@ -20,7 +20,7 @@ from .job import Steps, Work
 from .long_operator import LongOperator
 from .place_results import NewMesh, make_meshes
 from .reduced_meshes import Reducer
-from .selected_meshes import LINKED, count_text, name_fault
+from .selected_meshes import LINKED, count_text, name_fault, still_there
 
 
 class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):
@@ -109,7 +109,7 @@ def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> 
 
 def _notes(task: AdaptiveTask, use_modifiers: bool, exact_normals: bool) -> list[str]:
     """Notes on sculpting, custom normals and shape keys with an outcome that would surprise a user."""
-    source = bpy.data.objects[task.targets[0].source]
+    [source] = still_there([task.targets[0].source])
     notes = []
     if left_out_sculpting(source, use_modifiers=use_modifiers):
         notes.append("its Multiresolution modifier is not included, so the result lacks its sculpting")

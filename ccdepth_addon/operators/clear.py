@@ -4,7 +4,7 @@
 import bpy
 
 from ..exchange.data_blocks import is_writable
-from ..state import mesh_values, viewports
+from ..state import mesh_values, still_holds, viewports
 from ..state.chosen import chosen
 from .selected_meshes import QuickOperator
 
@@ -23,8 +23,6 @@ class CCDEPTH_OT_clear(QuickOperator):
             return {"CANCELLED"}
         for mesh in cleared:
             mesh_values.clear(mesh)
-        for each in chosen(context):
-            if each.data in cleared and each.is_editable:
-                each.ccdepth.measured_against = None
+            still_holds.forget_measured(mesh)
         viewports.redraw(context)
         return {"FINISHED"}

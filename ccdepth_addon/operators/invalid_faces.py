@@ -85,7 +85,7 @@ def _invalid_faces(context: bpy.types.Context) -> dict[bpy.types.Mesh, IndexArra
     faults = Faults(objects)
     found: dict[bpy.types.Mesh, IndexArray] = {}
     for each in objects:
-        with faults.of(each.name):
+        with faults.of(each.session_uid):
             faces = _own_faces_at_fault(context, each)
             if len(faces):
                 found[each.data] = np.union1d(found.get(each.data, faces), faces)

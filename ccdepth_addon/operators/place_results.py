@@ -106,9 +106,7 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
     meshes = meshes_with(each.mesh_uid for each in made)
     try:
         places = [
-            _Place(
-                each, mesh, [still_there((name, None)) for name in each.answer.task.object_names], _sources(each.answer)
-            )
+            _Place(each, mesh, still_there([one.user for one in each.answer.task.targets]), _sources(each.answer))
             for each, mesh in zip(made, meshes, strict=True)
         ]
         # Objects of ours that come into the scene are no change of the sources.
@@ -131,7 +129,7 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
 
 def _sources(answer: AdaptiveAnswer) -> list[bpy.types.Object]:
     """The sources of the result. Raises ComputeError if one of them has changed since it was read."""
-    return [still_there(target.source, answer.task.mesh_uid) for target in answer.task.targets]
+    return still_there([target.source for target in answer.task.targets])
 
 
 def _make_mesh(

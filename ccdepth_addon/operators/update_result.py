@@ -143,8 +143,8 @@ def _source_fault(result: bpy.types.Object, together: Collection[bpy.types.Objec
 
 def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The results in the view layer to be made anew after edits of their sources."""
-    present = context.view_layer.objects
-    return [each for each in out_of_date.due_results() if each.is_editable and present.get(each.name) == each]
+    present = {*context.view_layer.objects}
+    return [each for each in out_of_date.due_results() if each.is_editable and each in present]
 
 
 def _start_keeping_updated() -> bool:

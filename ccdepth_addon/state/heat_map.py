@@ -46,7 +46,8 @@ def shown(settings: bpy.types.PropertyGroup) -> Shown | None:
 def show(context: bpy.types.Context, kind: Shown) -> None:
     """Switch the scene's heat map to a kind of values that was just made, unless the map is off."""
     settings = context.scene.ccdepth
-    if shown(settings) is not None:
+    # A setting that is written, even unchanged, ends the caches of simulations in the scene.
+    if shown(settings) not in (None, kind):
         settings.heat_map = kind.name
     viewports.redraw(context)
 

@@ -97,8 +97,8 @@ def remember_count(
         total = sum(count.faces for count in counts)
         together = FaceCount(total, by_distance=sum(by_distance) if by_distance else None)
         for task, count in zip(tasks, counts, strict=True):
-            _counts[_uids(bpy.data.objects[name] for name in task.object_names)] = settings, count
-    _counts[_uids(bpy.data.objects[name] for task in tasks for name in task.object_names)] = settings, together
+            _counts[frozenset(target.user.uid for target in task.targets)] = settings, count
+    _counts[frozenset(target.user.uid for task in tasks for target in task.targets)] = settings, together
     viewports.redraw(context)
 
 
@@ -118,14 +118,11 @@ def _uids(objects: Iterable[bpy.types.Object]) -> frozenset[int]:
     return frozenset(each.session_uid for each in objects)
 
 
-def note_refused(faces_at_fault: Mapping[str, int]) -> None:
-    """Note the number of faces that the last run could not use, by the names of objects; none after a good run."""
+def note_refused(faces_at_fault: Mapping[int, int]) -> None:
+    """Note the number of faces that the last run could not use, by the session identifiers of meshes; none after a good
+    run."""
     _refused.clear()
-    for name, faces in faces_at_fault.items():
-        holder = bpy.data.objects.get(name)
-        # The object may have been deleted during the run.
-        if holder is not None:
-            _refused[holder.data.session_uid] = faces
+    _refused.update(faces_at_fault)
 
 
 def faces_at_fault(mesh: bpy.types.Mesh) -> int:

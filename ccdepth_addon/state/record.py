@@ -47,7 +47,9 @@ class Measurement(Inputs, bpy.types.PropertyGroup):
     """A measurement on this mesh: inputs, verdict and worst place."""
 
     measured: StringProperty(description="The name of the measured object at the time")
-    against: StringProperty(description="The name of the object with the limit surface at the time")
+    against: StringProperty(
+        description="The name of the object with the limit surface at the time; empty for the measured object itself"
+    )
     verdict: StringProperty(description="Whether the tolerance is met: MET, NOT_MET or UNDECIDED")
     accuracy: FloatProperty(description="The accuracy as it was given")
     accuracy_met: BoolProperty(description="Whether the two distances are within the accuracy of each other")

@@ -12,7 +12,7 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..exchange.dependencies import compared, object_state
-from ..exchange.mesh_arrays import content_checksum
+from ..exchange.mesh_arrays import content_checksum, own_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers
 from ..tasks.surfaces import shortest_decimal
 from . import properties
@@ -50,6 +50,7 @@ class ResultRecord(
     source_left_render: BoolProperty(description="Whether the source was taken out of the render as it was hidden")
     tolerance: FloatProperty(description="The tolerance as it was given")
     applied: CollectionProperty(type=AppliedModifier)
+    is_measured: BoolProperty(description="Whether this object was measured, among the objects that use its mesh")
     # Not on the mesh: Blender 5.0 leaves pointers of meshes to objects that are gone, and crashes.
     measured_against: PointerProperty(
         type=bpy.types.Object, description="The object with the limit surface of the measurement"
@@ -133,7 +134,7 @@ def forget(blender_object: bpy.types.Object) -> None:
 def source_checksum(source: bpy.types.Object, *, use_modifiers: bool) -> str:
     """A checksum of everything in a source that shapes its results, without materials, and without weights read by no
     modifier; not in Edit Mode."""
-    content = content_checksum(source.data)
+    content = own_checksum(source, content_checksum)
     return f"{content:08x}-{object_state(source, use_modifiers=use_modifiers).checksum}"
 
 
@@ -146,7 +147,7 @@ def source_is_same(result: bpy.types.Object, source: bpy.types.Object) -> bool |
 
 def is_edited(result: bpy.types.Object) -> bool:
     """Whether the result's mesh, outside Edit Mode, has changed since it was made."""
-    return f"{content_checksum(result.data):08x}" != result.ccdepth.mesh_checksum
+    return f"{own_checksum(result, content_checksum):08x}" != result.ccdepth.mesh_checksum
 
 
 def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_modifiers: bool) -> str | None:

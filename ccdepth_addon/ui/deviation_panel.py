@@ -96,7 +96,7 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     """The reason why the measurement is out of date; empty where the measurement holds."""
-    if change := out_of_date.change_since_measured(mesh):
+    if change := out_of_date.noted(mesh).change:
         return NOT_CHECKED if change == UNCHECKED else f"Out of date: {change}"
     found, name = mesh.ccdepth.measurement, tolerance_name(settings.tolerance_mode)
     current = (getattr(settings, name), settings.tolerance_mode, settings.accuracy, settings.use_modifiers)

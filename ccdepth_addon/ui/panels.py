@@ -160,13 +160,13 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
     """The reason why the depths are out of date, or do not hold for an object that uses the mesh; empty where they
     hold."""
     record = mesh.ccdepth
-    is_uncovered = holder is not None and out_of_date.is_uncovered(holder)
-    if out_of_date.is_stale(mesh):
+    note, is_uncovered = out_of_date.noted(mesh), holder is not None and out_of_date.noted(holder).is_uncovered
+    if note.is_stale:
         has_source = record.subdivision and holder is not None and result_record.source_of(holder) is not None
         return RESULT_EDITED if has_source and not is_uncovered else f"Out of date: mesh “{mesh.name}” changed"
     if is_uncovered:
         return "Not computed for this object"
-    if out_of_date.is_unchecked(mesh):
+    if note.is_unchecked:
         return NOT_CHECKED
     if record.subdivision:
         return "" if holder is None else _changed_since_made(settings, holder)
@@ -191,9 +191,10 @@ def _changed_since_made(settings: bpy.types.PropertyGroup, result: bpy.types.Obj
     """The reason in the source or the settings; a result without a source holds for its own settings."""
     if result_record.source_of(result) is None:
         return ""
-    if out_of_date.source_has_changed(result):
+    note = out_of_date.noted(result)
+    if note.is_stale:
         return f"Out of date: “{result.ccdepth.source.name}” changed"
-    if out_of_date.is_unchecked(result):
+    if note.is_unchecked:
         return NOT_CHECKED
     return "Out of date: settings changed" if result_record.settings_have_changed(result, settings) else ""
 

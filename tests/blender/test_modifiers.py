@@ -336,3 +336,32 @@ def test_objects_that_look_at_each_other() -> None:
     second.modifiers.new("Mirror", "MIRROR").mirror_object = first
     addon.compute(first, second)
     assert stale_line(first) == stale_line(second) == ""
+
+
+def test_a_simulation_of_rigid_bodies_stands_where_it_stood() -> None:
+    """Copies that Blender evaluates are no rigid bodies, and leave the scene before they are removed. Attributes on
+    the mesh of a rigid body itself end its cache, as any change of the mesh does."""
+    falling, other = scene.add_object(meshes.cube(), "Falling"), scene.add_object(meshes.cube(), "Other")
+    for each in (falling, other):
+        each.modifiers.new("Bevel", "BEVEL")
+        each.modifiers.new("Cast", "CAST")
+    falling.location.z = 5.0
+    addon.select(falling)
+    bpy.ops.rigidbody.object_add()
+    shown = bpy.context.scene
+    for frame in range(1, 21):
+        shown.frame_set(frame)
+    height = falling.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world.translation.z
+    for operator, holder, settings in (
+        ("count_faces", falling, {"shading_angle": 0.0}),
+        ("compute", other, {"method": "FIRST_ORDER"}),
+    ):
+        addon.finish(operator, holder, **settings)
+        bpy.context.view_layer.update()
+        assert not shown.rigidbody_world.point_cache.is_outdated
+    addon.select(falling)
+    shown.ccdepth.shown_tolerance_mode = "ABSOLUTE"
+    assert shown.ccdepth.tolerance != addon.module("state.properties").DEFAULT_ABSOLUTE_TOLERANCE
+    for frame in (19, 20):
+        shown.frame_set(frame)
+    assert falling.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world.translation.z == height
