@@ -190,14 +190,13 @@ class Evaluated:
                     losing.setdefault(uid, f"“{modifier.name}” {way} faces")
         return losing
 
-    def unlink(self) -> None:
-        """Take the copies out of the scene. Objects removed from a scene, and not taken out before an update, end the
-        caches of its rigid bodies."""
-        for copy in self._copies.values():
-            self._context.scene.collection.objects.unlink(copy.holder)
-
     def remove(self) -> None:
         copies = self._copies.values()
+        for copy in copies:
+            self._context.scene.collection.objects.unlink(copy.holder)
+        if self._context.scene.rigidbody_world is not None:
+            # The removal of an object that is still evaluated ends the caches of rigid bodies.
+            self._context.view_layer.update()
         made = [copy.made for copy in copies if copy.made is not None]
         bpy.data.batch_remove([*(copy.holder for copy in copies), *(mesh for mesh, _ in self._meshes.values()), *made])
 
@@ -214,16 +213,13 @@ def evaluated(
         if is_evaluated(each, modifiers) and not any(modifier.type in SIMULATIONS for modifier in modifiers)
     }
     copies = Evaluated(context)
-    try:
-        with paused(context) if copied else nullcontext():
-            try:
-                for each, modifiers in copied.items():
-                    copies.add(each, modifiers)
-                yield copies
-            finally:
-                copies.unlink()
-    finally:
-        copies.remove()
+    with paused(context) if copied else nullcontext():
+        try:
+            for each, modifiers in copied.items():
+                copies.add(each, modifiers)
+            yield copies
+        finally:
+            copies.remove()
 
 
 def _make_like(rigid_body: bpy.types.Object, added: bpy.types.Object) -> None:

@@ -4,7 +4,7 @@
 import bpy
 
 from ..exchange.data_blocks import is_writable
-from ..state import mesh_values, still_holds, viewports
+from ..state import mesh_values, still_holds, watch
 from ..state.chosen import chosen
 from .selected_meshes import QuickOperator
 
@@ -24,5 +24,5 @@ class CCDEPTH_OT_clear(QuickOperator):
         for mesh in cleared:
             mesh_values.clear(mesh)
             still_holds.forget_measured(mesh)
-        viewports.redraw(context)
+        watch.redraw(context)
         return {"FINISHED"}

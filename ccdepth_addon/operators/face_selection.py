@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ..core import BoolArray, IndexArray
-from ..exchange.blender_arrays import find_attribute, read_values
+from ..exchange.blender_arrays import face_sizes, find_attribute, read_values
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import known
 
@@ -83,8 +83,7 @@ def _hidden(mesh: bpy.types.Mesh) -> BoolArray:
 
 def _select_only(mesh: bpy.types.Mesh, faces: BoolArray) -> None:
     """Select these faces with their vertices and edges, and nothing else."""
-    sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-    corners = np.repeat(faces, sizes)
+    corners = np.repeat(faces, face_sizes(mesh))
     for name, elements, attribute in (
         ("vertices", mesh.vertices, ".corner_vert"),
         ("edges", mesh.edges, ".corner_edge"),

@@ -4,7 +4,7 @@
 import bpy
 
 from ..exchange.custom_normals import remove_normals
-from ..state import mesh_values, result_record, viewports
+from ..state import mesh_values, result_record, watch
 from ..state.chosen import chosen
 from .selected_meshes import QuickOperator, refuse_what_cannot_be_written
 
@@ -28,7 +28,7 @@ class CCDEPTH_OT_remove_normals(QuickOperator):
             remove_normals(mesh)
             if mesh.ccdepth.shading_angle:
                 mesh_values.forget_angles(mesh)
-        viewports.redraw(context)
+        watch.redraw(context)
         return {"FINISHED"}
 
 

@@ -17,7 +17,7 @@ from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask
-from . import out_of_date, viewports, watch
+from . import out_of_date, watch
 from .chosen import chosen
 from .properties import scene_tolerance
 from .result_record import control_object
@@ -99,7 +99,7 @@ def remember_count(
         for task, count in zip(tasks, counts, strict=True):
             _counts[frozenset(target.user.uid for target in task.targets)] = settings, count
     _counts[frozenset(target.user.uid for task in tasks for target in task.targets)] = settings, together
-    viewports.redraw(context)
+    watch.redraw(context)
 
 
 def known_count(objects: Iterable[bpy.types.Object], settings: AdaptiveSettings) -> FaceCount | None:

@@ -273,7 +273,7 @@ class BudgetProperties:
 
     face_budget: IntProperty(
         name="Budget",
-        description="How many faces the adaptive meshes of all selected objects may have together; Reduce makes fewer",
+        description="How many faces the adaptive meshes of all selected objects may have together, before Reduce",
         default=50_000,
         min=1,
         soft_min=100,

@@ -42,7 +42,8 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             layout.operator("ccdepth.update", icon="FILE_REFRESH")
         _draw_face_count(layout, context)
         budget = layout.column(align=True)
-        budget.prop(settings, "face_budget")
+        # What Reduce saves is known once it has run.
+        budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
         budget.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
         column = settings_column(layout)
         output = column.column()

@@ -18,7 +18,7 @@ from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
 from ..registration import do_not_call
-from ..state import viewports
+from ..state import watch
 from ..state.heat_map import Shown, shown
 from ..state.still_holds import measured_to_show
 from .deviation_panel import stale_line
@@ -92,7 +92,7 @@ def _wanted(context: bpy.types.Context) -> Legend | None:
 
 
 def _redraw() -> None:
-    viewports.redraw(bpy.context)
+    watch.redraw(bpy.context)
 
 
 def _covered(context: bpy.types.Context) -> tuple[int, int]:
