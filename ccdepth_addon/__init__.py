@@ -17,11 +17,10 @@ MODULES = (
     "state.watch",
     "operators",
     "ui.manual",
-    "ui.tolerance_presets",
+    "ui.tolerances",
     "ui.panels",
     "ui.adaptive_panel",
     "ui.deviation_panel",
-    "ui.menus",
     "command_line.command",
 )
 

@@ -25,7 +25,7 @@ from .actions import ACTIONS, call_for, settings_of
 from .amounts import UNITS
 from .arguments import MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
 from .blender_calls import CommandError
-from .chosen_objects import chosen_objects
+from .chosen_objects import chosen_objects, missing_inputs
 from .mesh_files import (
     BLEND,
     COMPANIONS,
@@ -41,7 +41,6 @@ from .mesh_files import (
     write_meshes,
     writer,
 )
-from .missing_inputs import missing_inputs
 from .report import Chosen, Distances, FileEntry, ObjectEntry, ReportPictures, stamp
 from .report_text import print_measured
 from .whole_files import PNG, UnwrittenError, refuse_existing, written_whole

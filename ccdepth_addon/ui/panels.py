@@ -20,8 +20,7 @@ from .facts import count_fact, draw_facts, facts_of, share_text, totals
 from .manual import draw_manual_button
 from .selected_objects import faces_by_depth, refused_objects, with_depths
 from .sidebar import SidebarPanel, draw_alert, settings_column
-from .tolerance_presets import CCDEPTH_PT_tolerance_presets
-from .tolerance_text import tolerance_text
+from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
 
 SWATCH_SIZE = 16
 

@@ -295,7 +295,7 @@ def test_scripts_run_where_blender_was_started_so_in_all_that_a_run_opens(
     else:
         # The bpy module has no options of Blender.
         monkeypatch.setattr(addon.module("command_line.mesh_files"), "scripts_allowed", lambda: True)
-        monkeypatch.setattr(addon.module("command_line.scripted_drivers"), "scripts_allowed", lambda: True)
+        monkeypatch.setattr(addon.module("command_line.blender_calls"), "scripts_allowed", lambda: True)
         status = run(*words)
     assert status == 0
     [found] = report_in(tmp_path / "r.json")["files"]
@@ -307,7 +307,7 @@ def test_scripts_run_where_blender_was_started_so_in_all_that_a_run_opens(
 
 
 def test_the_last_option_of_blenders_own_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = addon.module("command_line.scripted_drivers")
+    module = addon.module("command_line.blender_calls")
     monkeypatch.setattr(module.bpy, "app", type("App", (), {"binary_path": "blender"}))
     allowing = ("-y", "--enable-autoexec", "-Y -y", "-y --command ccdepth -Y")
     for options in (*allowing, "", "-y -b -Y", "--command ccdepth -y", "-- -y"):

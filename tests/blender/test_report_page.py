@@ -181,7 +181,7 @@ def browser(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, timeout=120, capture_output=True, text=True, encoding="utf-8", check=True)
 
 
-materials = addon.module("command_line.picture_materials")
+materials = addon.module("command_line.picture")
 colors = addon.module("state.colors")
 
 # Between a face in the light and one turned away from it.
