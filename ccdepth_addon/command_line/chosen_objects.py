@@ -15,14 +15,11 @@ from .report import name_of
 # Objects of these types show no surface of their own.
 NO_SURFACE = {"ARMATURE", "CAMERA", "EMPTY", "LATTICE", "LIGHT", "LIGHT_PROBE", "SPEAKER"}
 
-# The reason for objects in collections that the view layer excludes.
-EXCLUDED = "EXCLUDED_FROM_VIEW_LAYER"
-
 
 def chosen_objects(
     source: Path | None, names: Sequence[str] | None = None, collection: str | None = None
-) -> tuple[list[bpy.types.Object], dict[str, str]]:
-    """The visible mesh objects of the open file, and by name the reasons why others are left out; with given names or a
+) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
+    """The visible mesh objects of the open file, and the names of others that are left out; with given names or a
     collection, only these objects. Meshes without faces are left out beside others, unless they are named. Linked
     objects and overrides are hidden, and copies take their places. Raises CommandError without any objects, for a
     missing name, and for an object linked from a missing file."""
@@ -51,20 +48,18 @@ def chosen_objects(
         which = " that is not hidden" if any(obj.type == "MESH" for obj in there) else ""
         raise CommandError(f"{file}: there is no mesh object in {place}{which}")
     others = set(found) - set(visible)
-    left_out = {obj.name: reason for obj in found if obj in others and (reason := _reason_to_leave_out(obj))}
-    left_out |= {obj.name: EXCLUDED for obj in _excluded_meshes() if obj in there and names is None}
+    left_out = [obj.name for obj in found if obj in others and _has_surface(obj)]
+    left_out += [obj.name for obj in _excluded_meshes() if obj in there and names is None]
     meshes: dict[bpy.types.Mesh, bpy.types.Mesh] = {}
-    return [_own(each, meshes) for each in visible], left_out
+    return [_own(each, meshes) for each in visible], tuple(left_out)
 
 
-def _reason_to_leave_out(blender_object: bpy.types.Object) -> str | None:
-    """The reason why an object is left out; None if it shows nothing."""
-    if blender_object.type == "MESH":
-        return "NO_FACES" if blender_object.visible_get() else "HIDDEN"
+def _has_surface(blender_object: bpy.types.Object) -> bool:
+    """Whether an object is a mesh, even a hidden one, or shows a surface of its own or of a collection."""
     if blender_object.instance_type == "COLLECTION" and blender_object.instance_collection is not None:
-        return "COLLECTION_INSTANCE"
-    is_left_out = blender_object.type not in NO_SURFACE and blender_object.visible_get()
-    return blender_object.type if is_left_out else None
+        return True
+    is_shown = blender_object.type not in NO_SURFACE and blender_object.visible_get()
+    return blender_object.type == "MESH" or is_shown
 
 
 def _is_without_faces(blender_object: bpy.types.Object) -> bool:

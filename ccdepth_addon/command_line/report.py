@@ -129,17 +129,16 @@ class ReportPictures:
 @dataclass(frozen=True)
 class FileEntry:
     """The entry of a file. source: None for Blender's Suzanne. error: why the file failed, if it did. chosen: None if
-    no object was done. left_out: by the names of objects, the reasons: HIDDEN, NO_FACES, EXCLUDED_FROM_VIEW_LAYER,
-    COLLECTION_INSTANCE or their type in Blender; None for a file that failed. companions: files written beside
-    the output that belong to it. lost: the data of the objects that no file holds. pictures: one for each object if a
-    page or the report holds them, else none."""
+    no object was done. left_out: the names of other objects with a surface; None for a file that failed. companions:
+    files written beside the output that belong to it. lost: the data of the objects that no file holds. pictures: one
+    for each object if a page or the report holds them, else none."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
     output: FileStamp | None = None
     error: str | None = None
     chosen: Chosen | None = None
-    left_out: dict[str, str] | None = None
+    left_out: tuple[str, ...] | None = None
     companions: tuple[FileStamp, ...] = ()
     lost: tuple[str, ...] = ()
     pictures: tuple[ReportPictures, ...] = ()

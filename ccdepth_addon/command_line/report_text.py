@@ -8,11 +8,9 @@ from decimal import Decimal
 
 import bpy
 
-from ..state import mesh_values
-from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
-from ..ui.lengths import DIGITS, METRIC, Rounding, bound_texts, enough_digits, length_text, number_text
+from ..ui.lengths import DIGITS, METRIC, Rounding, enough_digits, number_text
 from ..ui.printable import printable
 from .report import FileEntry
 
@@ -20,7 +18,6 @@ from .report import FileEntry
 def print_facts(objects: Sequence[bpy.types.Object]) -> None:
     """Print the facts of the depths on each mesh, with the number of faces of each depth; or the facts of each adaptive
     mesh."""
-    print(settings_text(objects))
     for mesh, names in _names_by_mesh(objects).items():
         print(f"\n{names}\n{_result_text(mesh.ccdepth)}\n")
 
@@ -37,8 +34,8 @@ def _result_text(record: bpy.types.PropertyGroup) -> str:
 
 def losses(entry: FileEntry) -> Iterator[str]:
     """The omitted parts of a file, and the parts of objects missing from the written file."""
-    for name, reason in (entry.left_out or {}).items():
-        yield f"“{printable(name)}” is left out: {reason.lower().replace('_', ' ')}"
+    for name in entry.left_out or ():
+        yield f"“{printable(name)}” is left out"
     if entry.lost:
         yield f"lost in {entry.output and entry.output.path}: {', '.join(entry.lost)}"
 
@@ -57,11 +54,6 @@ def print_measured(entry: FileEntry) -> None:
             print(f"{printable(each.result or each.name)}: {text}{told}")
 
 
-def _length_text(length: float) -> str:
-    """A length of the scene with its unit."""
-    return length_text(bpy.context.scene, length)
-
-
 def enough_digits_in_metres(tolerance: float, *bounds: float) -> int:
     """The digits for a tolerance and bounds beside each other, in metres."""
     found = (enough_digits(Decimal(str(each)), Decimal(str(tolerance))) for each in bounds)
@@ -73,29 +65,6 @@ def metres_text(length: float, rounding: Rounding = Rounding.NEAREST, digits: in
     *others, smallest = METRIC.values()
     unit = next((unit for unit in others if length >= unit.length), smallest)
     return f"{number_text(Decimal(str(length)) / unit.length, rounding, digits)} {unit.name}"
-
-
-def settings_text(objects: Sequence[bpy.types.Object]) -> str:
-    """The settings of the results, in a line."""
-    record = objects[0].data.ccdepth
-    if mesh_values.is_deviation_last(objects[0].data):
-        records = [obj.data.ccdepth for obj in objects]
-        proved, tolerance = bound_texts(
-            bpy.context.scene, *max((each.deviation, each.measurement.world_tolerance) for each in records)
-        )
-        return f"Tolerance {tolerance} · Largest deviation proved: {proved}"
-    tolerance = _length_text(record.tolerance)
-    if record.tolerance_mode == "RELATIVE":
-        tolerance = f"{record.tolerance:.4g} of the diagonal"
-        lengths = {obj.data.ccdepth.world_tolerance for obj in objects}
-        if len(lengths) == 1:
-            tolerance += f" ({_length_text(record.world_tolerance)})"
-    if record.subdivision:
-        records = [obj.data.ccdepth for obj in objects]
-        proved, _ = bound_texts(bpy.context.scene, *max((each.largest_bound, each.world_tolerance) for each in records))
-        faces = sum(mesh.ccdepth.faces for mesh in {obj.data for obj in objects})
-        return f"Tolerance {tolerance} · {faces:,} faces · Largest distance proved: {proved}"
-    return f"Tolerance {tolerance} · {METHOD_TEXTS[record.method][0]} · Vertices: {VERTEX_TEXTS[record.vertices][0]}"
 
 
 def _names_by_mesh(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Mesh, str]:

@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Generator, Mapping
 from decimal import Decimal
 from importlib import import_module
-from itertools import combinations, pairwise
-from types import ModuleType
+from itertools import pairwise
 from typing import Any
 from unittest.mock import Mock
 
@@ -151,81 +150,6 @@ def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance_or_in_parts
     legend = shown_legend()
     assert legend.title == "Proved Distance (%)"
     assert [mark.number for mark in legend.marks(0.1)] == ["0", "20", "40", "60", "80", "100"]
-
-
-layout: ModuleType = addon.module("ui.legend_layout")
-
-# Texts are laid out as wide as letters of one width, in parts of the font size.
-LETTER = 0.55
-
-TITLE, TOLERANCE = "Levels Needed", "for 3.64 mm"
-
-FACES = [3, 125_000, 14, 2_700, 1, 0, 40_000, 12, 7]
-
-
-def width(text: str, size: float) -> float:
-    return LETTER * size * len(text)
-
-
-def depths(count: int = 9) -> Any:
-    rows = [contents.Row(str(depth), FACES[depth], (depth / 9, 0.5, 0.5)) for depth in reversed(range(count))]
-    return contents.Legend(TITLE, [TOLERANCE, "Suzanne"], "Out of date", rows)
-
-
-def distances(*, beyond: bool = False) -> Any:
-    mark = contents.Mark
-    marks = [mark(0.0, "0.0"), mark(0.6, "0.3", "tolerance"), mark(1.0, "0.5")]
-    return contents.Legend("Deviation (m)", [TOLERANCE, "Suzanne"], marks=lambda _gap: marks, has_beyond=beyond)
-
-
-def extent(text: Any, size: float) -> tuple[float, float]:
-    right = text.x if text.ends_there else text.x + width(text.text, size)
-    return right - width(text.text, size), right
-
-
-def is_inside(place: Any, width: float, height: float) -> bool:
-    return 0 <= place.left < place.right <= width and 0 <= place.bottom < place.top <= height
-
-
-LEGENDS = {"depths": depths(), "few": depths(2), "distances": distances(), "beyond": distances(beyond=True)}
-
-
-@pytest.mark.parametrize("legend", LEGENDS.values(), ids=LEGENDS)
-@pytest.mark.parametrize("scale", [1.0, 1.5, 2.0])
-def test_everything_is_inside_and_nothing_is_over_anything_else(legend: Any, scale: float) -> None:
-    found, where = layout.placed(legend, (1180, 786), (0, 0), scale, width)
-    assert (where.right - where.left, where.top - where.bottom) == pytest.approx((found.width, found.height))
-    assert is_inside(where, 1180, 786)
-    places = [each for each, _ in found.swatches]
-    assert all(is_inside(each, found.width, found.height) for each in places)
-    for one, other in pairwise(sorted(places, key=lambda each: each.bottom)):
-        assert one.top <= other.bottom
-    written = [(text, extent(text, found.font_size)) for text in found.texts if text.text]
-    for text, (left, right) in written:
-        assert left >= 0
-        # Widths are sums in another order.
-        assert right <= found.width + 1e-9
-        assert 0 <= text.y <= found.height - found.font_size
-        beside = [each for each in places if each.bottom <= text.y < each.top]
-        assert all(right <= swatch.left or left >= swatch.right for swatch in beside), text
-    for (one, ends), (other, others) in combinations(written, 2):
-        if abs(one.y - other.y) < found.font_size:
-            assert ends[1] <= others[0] or others[1] <= ends[0], (one, other)
-
-
-def test_it_is_in_the_corner_with_everything_and_grows_with_the_interface() -> None:
-    found, where = layout.placed(depths(), (1180, 786), (260, 40), 1.0, width)
-    assert (where.right, where.bottom) == (1180 - 260 - layout.MARGIN, 40 + layout.MARGIN)
-    assert {TITLE, TOLERANCE, "Suzanne", "Out of date", "Depth", "Faces"} <= {text.text for text in found.texts}
-    rows = {row.color: row for row in depths().rows}
-    assert len(found.swatches) == len(rows)
-    for swatch, color in found.swatches:
-        beside = [text for text in found.texts if swatch.bottom <= text.y < swatch.top]
-        assert [text.text for text in sorted(beside)] == sorted([rows[color].label, f"{rows[color].faces:,}"])
-    # Lengths are rounded to pixels.
-    two = layout.placed(depths(), (2400, 1600), (0, 0), 2.0, width)[0]
-    assert (two.width, two.height) == pytest.approx((2 * found.width, 2 * found.height), rel=0.02)
-    assert layout.placed(depths(), (60, 40), (0, 0), 1.0, width) is None
 
 
 lengths = addon.module("ui.lengths")

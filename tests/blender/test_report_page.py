@@ -266,19 +266,6 @@ def test_its_name_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert [each for each in Path().rglob("*") if each.is_file()] == [path]
 
 
-def test_the_line_under_several_measured_objects_has_the_tolerance_of_the_worst() -> None:
-    small, large = scene.add_object(meshes.cube(), "Small"), scene.add_object(meshes.cube(), "Large")
-    large.scale = (10.0,) * 3
-    for each_object in (small, large):
-        addon.measure(each_object, tolerance=0.5, tolerance_mode="RELATIVE")
-    record = large.data.ccdepth
-    text = addon.module("command_line.report_text").settings_text([small, large])
-    tolerance = addon.module("ui.lengths").length_text(bpy.context.scene, record.measurement.world_tolerance)
-    assert tolerance.endswith(" m")
-    assert text.startswith(f"Tolerance {tolerance} · Largest deviation proved: ")
-    assert record.deviation > small.data.ccdepth.deviation
-
-
 def test_one_face_of_many_is_not_told_as_none_on_the_page() -> None:
     histogram = addon.module("command_line.report_page")._histogram
     assert "&lt; 0.1 %" in histogram([(1, 125_000), (2, 1)])
