@@ -43,8 +43,8 @@ class UntriedError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of one place in a file; or a function of the add-on, and what stands for it, which gets that function and
-    its arguments. tests: the files to run first, or tests of them, the most likely one first."""
+    """A change of one place in a file; or a function of the add-on, and what stands for it and gets it with its
+    arguments. tests: the files to run first, or tests of them, the most likely one first."""
 
     name: str
     tests: list[str]
