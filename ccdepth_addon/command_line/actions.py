@@ -15,9 +15,9 @@ from ..exchange.blender_arrays import read_values
 from ..exchange.face_values import BOUND_KIND
 from ..exchange.modifiers import shown_vertices
 from ..state import properties
-from ..state.properties import scene_tolerance, setting_names
+from ..state.properties import Settings, setting_names
 from ..tasks.deviation_task import Verdict
-from ..tasks.surfaces import shortest_decimal, typed_values
+from ..tasks.surfaces import shortest_decimal
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .blender_calls import call
 from .mesh_files import scene_unit
@@ -42,8 +42,7 @@ Outcomes = list[tuple[ObjectEntry, bpy.types.Object]]
 
 def settings_of(action: str) -> dict[str, Any]:
     """The scene's settings for an action, by their names."""
-    settings = bpy.context.scene.ccdepth
-    return {"tolerance": scene_tolerance(settings), **typed_values(settings, SETTINGS[action])}
+    return Settings.of(bpy.context.scene.ccdepth, SETTINGS[action]).values
 
 
 def call_for(objects: Sequence[bpy.types.Object], operator: Any, **properties: Any) -> None:

@@ -10,7 +10,7 @@ from ..core import FloatArray, PolygonMesh, SubdividedMesh
 from .attributes import AttributeTransfer, choose_same
 from .blender_arrays import write_values
 from .custom_normals import normals_of_surface, smooth_faces, write_normals
-from .data_blocks import own_copy, remove_shape_keys
+from .data_blocks import held, own_copy, remove_shape_keys, removed_on_failure
 from .shape_keys import basis_mesh, write_shape_keys
 from .vertex_groups import write_groups
 
@@ -35,8 +35,8 @@ def new_mesh(
     ``base`` is not changed. Vertices and edges without faces stay unchanged. Our own values are left out.
     """
     mesh = own_copy(base)
-    holder = bpy.data.objects.new(mesh.name, mesh)
-    try:
+    with removed_on_failure() as made, held(mesh) as holder:
+        made.append(mesh.session_uid)
         groups = [(group.name, group.lock_weight) for group in holder.vertex_groups]
         active = holder.vertex_groups.active_index
         remove_shape_keys(holder)
@@ -56,11 +56,6 @@ def new_mesh(
             if normals is None or base.shape_keys is not None:
                 normals = normals_of_surface(basis_mesh(base, control), subdivided)
             write_normals(mesh, normals, deformable=deformable)
-    except BaseException:
-        bpy.data.objects.remove(holder)
-        bpy.data.meshes.remove(mesh)
-        raise
-    bpy.data.objects.remove(holder)
     mesh.update()
     return mesh
 

@@ -44,6 +44,27 @@ def meshes_with(uids: Iterable[int]) -> list[bpy.types.Mesh]:
     return [by_uid[uid] for uid in uids if uid in by_uid]
 
 
+@contextmanager
+def held(mesh: bpy.types.Mesh) -> Iterator[bpy.types.Object]:
+    """A temporary object with the mesh, outside all scenes: only objects know the names of vertex groups."""
+    holder = bpy.data.objects.new(mesh.name, mesh)
+    try:
+        yield holder
+    finally:
+        bpy.data.objects.remove(holder)
+
+
+@contextmanager
+def removed_on_failure() -> Iterator[list[int]]:
+    """A list for the session identifiers of new meshes, which are removed if this context fails."""
+    made: list[int] = []
+    try:
+        yield made
+    except BaseException:
+        bpy.data.batch_remove(meshes_with(made))
+        raise
+
+
 def is_writable(mesh: bpy.types.Mesh) -> bool:
     """Whether a mesh keeps written values: it is neither linked nor a library override."""
     return mesh.is_editable and mesh.override_library is None

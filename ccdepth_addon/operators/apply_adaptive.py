@@ -23,7 +23,7 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = chosen(context)
         refuse(objects, self._fault)
-        settings = result_record.made_with(self, self.tolerance)
+        settings = properties.Settings.of(self, result_record.SETTINGS)
         in_place, is_editing = self.output == "IN_PLACE", context.mode == "EDIT_MESH"
         with self.in_object_mode(context, objects, objects) as edited:
             made, notes = yield from self.made(context, objects, objects, self._progress_text)

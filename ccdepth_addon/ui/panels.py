@@ -14,7 +14,7 @@ from ..exchange.modifiers import OF_OBJECT
 from ..state import known, out_of_date, result_record
 from ..state.colors import depth_colors
 from ..state.mesh_values import too_deep
-from ..state.properties import tolerance_name
+from ..state.properties import Settings
 from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, facts_of, share_text, totals
 from .manual import draw_manual_button
@@ -172,10 +172,8 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
     frames = chosen_frames(settings.id_data, settings.frames, settings.frame_list)
     # Depths by another method hold, and so do depths for named vertices if the scene names none.
     vertices = record.vertices if settings.vertices == OF_OBJECT else settings.vertices
-    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
-    current = (tolerance, settings.tolerance_mode, settings.use_modifiers, vertices, frames)
-    computed = (record.tolerance, record.tolerance_mode, record.use_modifiers, record.vertices, record.frames)
-    return "" if current == computed else "Out of date: settings changed"
+    is_same = (vertices, frames) == (record.vertices, record.frames) and Settings.of(settings) == Settings.of(record)
+    return "" if is_same else "Out of date: settings changed"
 
 
 def result_line(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
