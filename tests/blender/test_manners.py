@@ -65,7 +65,9 @@ def moving() -> None:
 
 
 def with_normals() -> None:
-    addon.finish("subdivide", scene.add_object(meshes.creased_cube()), tolerance=0.05)
+    holder = scene.add_object(meshes.creased_cube())
+    holder.data.shade_smooth()
+    addon.finish("subdivide", holder, tolerance=0.05)
 
 
 # Every operator that changes something: what it works on, its name, and its settings.

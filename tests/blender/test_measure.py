@@ -308,7 +308,7 @@ def test_against_a_source_at_an_unknown_place_nothing_is_measured(tmp_path: Path
     scene.open_again(tmp_path)
     addon.examine_touched()
     result = bpy.data.objects["Cube Adaptive"]
-    assert addon.module("state.out_of_date").change_since_measured(result.data) == "“Cube” is not shown"
+    assert addon.module("state.out_of_date").noted(result.data).change == "“Cube” is not shown"
     refuses("measure", "its place in the scene is not known", result)
 
 
