@@ -13,7 +13,7 @@ MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 
 # The modules in the order of their dependencies.
 MODULES = (
-    "state.property_groups",
+    "state.record",
     "state.watch",
     "operators",
     "ui.manual",

@@ -16,7 +16,7 @@ from typing import Any, TextIO
 
 import bpy
 
-from ..ui.printable import printable, printable_lines
+from ..ui.lengths import printable, printable_lines
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError, scripts_as_started
 from .one_file import process_file, refuse_place

@@ -19,7 +19,7 @@ from ..state import properties
 from ..state.properties import set_scene_tolerance, setting_names
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
 from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError
-from ..ui.printable import printable
+from ..ui.lengths import printable
 from . import picture
 from .actions import ACTIONS, call_for, settings_of
 from .amounts import UNITS

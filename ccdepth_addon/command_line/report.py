@@ -22,7 +22,7 @@ from typing import Any, NewType
 import bpy
 
 from .. import version
-from ..ui.printable import printable_lines
+from ..ui.lengths import printable_lines
 
 FORMAT, FORMAT_VERSION = "ccdepth-report", 3
 PROGRAM = {"name": "CC Depth", "version": version()}

@@ -10,8 +10,7 @@ import bpy
 
 from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
-from ..ui.lengths import DIGITS, METRIC, Rounding, enough_digits, number_text
-from ..ui.printable import printable
+from ..ui.lengths import DIGITS, METRIC, Rounding, enough_digits, number_text, printable
 from .report import FileEntry
 
 

@@ -14,7 +14,7 @@ import bpy
 from ..state.chosen import surface_object
 from ..state.properties import set_scene_tolerance
 from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement
-from ..ui.printable import printable_lines
+from ..ui.lengths import printable_lines
 from .actions import ACTIONS, SETTINGS, settings_of
 from .arguments import MAKING, MEASURE, SUBDIVIDE
 from .blender_calls import CommandError

@@ -12,7 +12,7 @@ from ..state import heat_map, mesh_values, result_record, still_holds, watch
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.surfaces import naming
-from . import edit_mode
+from .scene_objects import edit_mode_left
 from .selected_meshes import QuickOperator, refuse_what_cannot_be_written
 
 
@@ -50,7 +50,7 @@ class CCDEPTH_OT_bake_colors(QuickOperator):
     def act(self, context: bpy.types.Context) -> set[str]:
         holders = {each.data: each for each in chosen(context) if _kind(each.data, context)}
         refuse_what_cannot_be_written([*holders.values()])
-        with edit_mode.left(context):
+        with edit_mode_left(context):
             for mesh, holder in holders.items():
                 kind = _kind(mesh, context)
                 assert kind is not None

@@ -11,7 +11,7 @@ from ..state.chosen import chosen
 from ..tasks.adaptive_meshes import FaceCount, best_tolerance, count_results, too_many_text
 from ..tasks.adaptive_task import AdaptiveTask, prepare_adaptive
 from ..tasks.surfaces import ComputeError
-from ..ui.printable import printable
+from ..ui.lengths import printable
 from .adaptive_operator import AdaptiveOperator, result_fault
 from .job import Steps, Work
 from .selected_meshes import count_text, hidden_fault, refuse

@@ -14,8 +14,7 @@ from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import naming
 from ..ui.facts import deviation_text
-from ..ui.lengths import Rounding, bound_texts, common_unit, length_text
-from ..ui.printable import printable
+from ..ui.lengths import Rounding, bound_texts, common_unit, length_text, printable
 from .job import Steps, Work
 from .long_operator import LongOperator
 from .selected_meshes import refuse_what_cannot_be_written, still_there

@@ -13,7 +13,7 @@ from ..exchange.face_values import conflict
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state.chosen import chosen
 from ..tasks.surfaces import ComputeError
-from ..ui.printable import printable_lines
+from ..ui.lengths import printable_lines
 
 Holder = TypeVar("Holder", bpy.types.Object, bpy.types.Mesh)
 

@@ -12,7 +12,7 @@ from ..state import out_of_date, result_record, watch
 from ..state.chosen import chosen
 from ..state.properties import Settings
 from ..tasks.surfaces import NOT_PLACED, ComputeError
-from ..ui.printable import printable_lines
+from ..ui.lengths import printable_lines
 from .adaptive_operator import MakingOperator
 from .job import Steps
 from .long_operator import NAVIGATION_EVENTS

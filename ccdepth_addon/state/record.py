@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""The record on the mesh: the outcomes of computations and measurements, and their inputs."""
+"""The record on the mesh: the outcomes of computations and measurements, and their inputs; and the registration of all
+our data, on scenes, meshes and objects, as ``ccdepth``."""
 
 import bpy
 from bpy.props import (
@@ -12,6 +13,9 @@ from bpy.props import (
     PointerProperty,
     StringProperty,
 )
+
+from .result_record import AppliedModifier, ResultRecord, SourceMaterial
+from .settings import SceneSettings
 
 
 class DepthRow(bpy.types.PropertyGroup):
@@ -121,3 +125,23 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
         description="The largest angle found at samples between the shading and the limit surface", subtype="ANGLE"
     )
     measurement: PointerProperty(type=Measurement)
+
+
+HOLDERS = {"Scene": SceneSettings, "Mesh": MeshRecord, "Object": ResultRecord}
+
+# Groups held by other groups come first.
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (DepthRow, Contributor, Measurement, AppliedModifier, SourceMaterial, *HOLDERS.values())
+)
+
+
+def register() -> None:
+    _register_classes()
+    for holder, group in HOLDERS.items():
+        getattr(bpy.types, holder).ccdepth = PointerProperty(type=group)
+
+
+def unregister() -> None:
+    for holder in HOLDERS:
+        del getattr(bpy.types, holder).ccdepth
+    _unregister_classes()

@@ -26,9 +26,9 @@ from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, shown
 from ..state.still_holds import measured_to_show
 from .deviation_panel import stale_line
+from .facts import colored_objects
 from .legend_contents import TOLERANCE, Color, Legend, legend
 from .lengths import Rounding, length_text
-from .selected_objects import colored_objects
 
 FONT = 0
 TEXT, HEADING, ALERT = (1.0, 1.0, 1.0, 1.0), (0.75, 0.75, 0.75, 1.0), (1.0, 0.45, 0.4, 1.0)

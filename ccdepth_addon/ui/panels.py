@@ -16,9 +16,8 @@ from ..state.colors import depth_colors
 from ..state.mesh_values import too_deep
 from ..state.properties import Settings
 from ..tasks.frames import chosen_frames
-from .facts import count_fact, draw_facts, facts_of, share_text, totals
+from .facts import count_fact, draw_facts, faces_by_depth, facts_of, refused_objects, share_text, totals, with_depths
 from .manual import draw_manual_button
-from .selected_objects import faces_by_depth, refused_objects, with_depths
 from .sidebar import SidebarPanel, draw_alert, settings_column
 from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
 

@@ -17,8 +17,8 @@ from bl_ui.utils import PresetPanel
 from ..state.known import objects_for_tolerance, shown_diagonal
 from ..state.properties import TOLERANCE_PRESETS, scene_tolerance, tolerance_name
 from ..tasks.surfaces import shortest_decimal
+from .facts import lengths_text
 from .lengths import length_text, number_text
-from .selected_objects import lengths_text
 
 # Some five pixels when the object fills the screen, one, and a fifth; each with its shading angle in degrees.
 FRACTIONS = {"Draft": (0.005, 10.0), "Standard": (0.001, 5.0), "Fine": (0.0002, 2.0)}

@@ -21,7 +21,7 @@ from tests.blender.updating import move_vertex
 
 contents = addon.module("ui.legend_contents")
 heat_map = addon.module("state.heat_map")
-selected = addon.module("ui.selected_objects")
+selected = addon.module("ui.facts")
 
 
 def shown_legend() -> Any:
@@ -222,7 +222,7 @@ def test_neighbours_share_a_unit_that_serves_them_all() -> None:
         ([0.00095, 0.00364], "NONE", "0.00095–0.00364"),
     ):
         set_units(system)
-        assert addon.module("ui.selected_objects").lengths_text(bpy.context.scene, found) == text
+        assert addon.module("ui.facts").lengths_text(bpy.context.scene, found) == text
 
 
 def test_counts_and_shares() -> None:
