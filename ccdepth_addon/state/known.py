@@ -144,7 +144,7 @@ def is_selection_shown(mesh: bpy.types.Mesh) -> bool:
 
 def _notice_update(changed: bpy.types.Object, _geometry: bool) -> bool:
     uid = changed.session_uid
-    uids = {uid, *out_of_date.uids_of_results(uid)} if _counts else set()
+    uids = {uid, *out_of_date.noted(changed).results} if _counts else set()
     for counted in [counted for counted in _counts if counted & uids]:
         del _counts[counted]
     return False

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import traceback
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -58,11 +58,16 @@ def noted(holder: bpy.types.ID) -> Noted:
     return _notes[holder.session_uid]
 
 
+def is_stale(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh has changed since its depths were computed, as far as examined."""
+    return noted(mesh).is_stale
+
+
 def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
     """The objects whose depths no longer hold, examined now; panels show the same."""
     context.view_layer.update()
     forget_checksums()
-    _examine({blender_object.data.session_uid for blender_object in objects})
+    _examine([each.data for each in objects])
     return [
         each
         for each in objects
@@ -109,21 +114,16 @@ def _note_target(measured: bpy.types.Object) -> None:
         noted(target).measured.add(measured.data.session_uid)
 
 
-def uids_of_results(source_uid: int) -> set[int]:
-    """The session identifiers of the results that came from the object with this one, as far as known."""
-    if len(bpy.data.objects) != _object_count:
-        _find_results()
-    return _notes[source_uid].results
-
-
 def has_results(blender_object: bpy.types.Object) -> bool:
     """Whether results came from this object, as far as known."""
-    return bool(uids_of_results(blender_object.session_uid))
+    _find_new_results()
+    return bool(noted(blender_object).results)
 
 
 def due_results() -> list[bpy.types.Object]:
     """The results that are to be made anew because their sources have left Edit Mode, or were made anew."""
-    return [each for each in bpy.data.objects if noted(each).is_due and each.ccdepth.keep_updated]
+    due = {uid for uid, note in _notes.items() if note.is_due}
+    return [each for each in bpy.data.objects if each.session_uid in due and each.ccdepth.keep_updated] if due else []
 
 
 def none_due() -> None:
@@ -135,19 +135,24 @@ def none_due() -> None:
 def _examine_touched() -> bool:
     """Examine the values and results of touched objects; returns whether there are any. Edited data are examined when
     they leave Edit Mode."""
-    touched = [each for each in bpy.data.objects if noted(each).is_touched]
-    uids = {uid for each in touched for uid in (each.data.session_uid, *noted(each).measured)} if touched else set()
-    for each in touched:
-        noted(each).is_touched = False
-    edited = {each.session_uid for each in bpy.data.meshes if each.is_editmode} if uids else set()
-    found = [_examine(uids - edited)]
+    chosen = {uid for uid, note in _notes.items() if note.is_touched}
+    if chosen:
+        _find_new_results()
+    touched = [each for each in bpy.data.objects if each.session_uid in chosen] if chosen else []
+    others = {uid for each in touched for uid in noted(each).measured}
+    meshes = {each.data for each in touched}
+    if others:
+        meshes.update(each for each in bpy.data.meshes if each.session_uid in others)
+    for uid in chosen:
+        _notes[uid].is_touched = False
+    found = [_examine([each for each in meshes if not each.is_editmode])]
     found += [_examine_results_of(each) for each in touched if not each.data.is_editmode]
     return any(found)
 
 
-def _examine(uids: set[int]) -> bool:
+def _examine(meshes: Iterable[bpy.types.Mesh]) -> bool:
     """Examine the depths and deviations on these meshes; returns whether there are any."""
-    users = _users_of_values(uids)
+    users = _users_of_values(meshes)
     for mesh, objects in users.items():
         note = noted(mesh)
         if mesh_values.has_depths(mesh):
@@ -165,7 +170,7 @@ def _examine(uids: set[int]) -> bool:
 def _examine_results_of(source: bpy.types.Object) -> bool:
     """Compare the source with the records of its results; returns whether there are any results."""
     has_left, noted(source).has_left = noted(source).has_left, False
-    made = result_record.results_of(source) if has_results(source) else []
+    made = result_record.results_of(source) if noted(source).results else []
     for result in made:
         # A source that cannot be examined counts as changed.
         same: bool | None = False
@@ -189,11 +194,9 @@ def _tried(otherwise: Answer, examine: Callable[..., Answer], *given: Any) -> An
         return otherwise
 
 
-def _users_of_values(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
+def _users_of_values(meshes: Iterable[bpy.types.Mesh]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
     """The meshes among these with depths or deviations, and the objects that use each."""
-    users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {
-        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and mesh_values.has_any(mesh)
-    }
+    users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {mesh: [] for mesh in meshes if mesh_values.has_any(mesh)}
     for blender_object in bpy.data.objects if users else ():
         if blender_object.data in users:
             users[blender_object.data].append(blender_object)
@@ -205,7 +208,7 @@ def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
         return False
     note, mesh = noted(holder), holder.data
     has_values = mesh_values.has_any(mesh)
-    note.is_touched |= has_values or has_results(holder) or bool(note.measured)
+    note.is_touched |= has_values or bool(note.results) or bool(note.measured)
     if not mesh.is_editmode:
         note.has_left |= note.is_edited
         note.is_edited = False
@@ -229,13 +232,20 @@ def _find_results() -> None:
     _object_count = len(bpy.data.objects)
 
 
+def _find_new_results() -> None:
+    # Blender counts its objects one by one.
+    if len(bpy.data.objects) != _object_count:
+        _find_results()
+
+
 def _touch_everything() -> bool:
+    _find_new_results()
     for each in bpy.data.objects:
         if each.type == "MESH":
             has_values = mesh_values.has_any(each.data)
             if has_values:
                 _note_target(each)
-            noted(each).is_touched |= has_values or has_results(each)
+            noted(each).is_touched |= has_values or bool(noted(each).results)
     return any(note.is_touched for note in _notes.values())
 
 
