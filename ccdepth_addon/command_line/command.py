@@ -21,10 +21,9 @@ from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError, scripts_as_started
 from .one_file import process_file, refuse_place
 from .processes import own_process, process_files
-from .report import FileEntry, Report, csv_text, json_text, stamp
+from .report import FileEntry, Report, csv_text, json_text, losses, stamp
 from .report_page import page
 from .report_reading import ReportError, gathered_reports
-from .report_text import losses
 from .verification import verify
 from .whole_files import UnwrittenError, written_whole
 
