@@ -13,15 +13,14 @@ MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 
 # The modules in the order of their dependencies.
 MODULES = (
-    "state.property_groups",
+    "state.record",
     "state.watch",
     "operators",
     "ui.manual",
-    "ui.tolerance_presets",
+    "ui.tolerances",
     "ui.panels",
     "ui.adaptive_panel",
     "ui.deviation_panel",
-    "ui.menus",
     "command_line.command",
 )
 

@@ -9,20 +9,17 @@ from pathlib import Path
 import bpy
 
 from ..exchange.data_blocks import is_writable, own_copy
-from .blender_calls import CommandError
+from .blender_calls import CommandError, scripts_allowed
 from .report import name_of
 
 # Objects of these types show no surface of their own.
 NO_SURFACE = {"ARMATURE", "CAMERA", "EMPTY", "LATTICE", "LIGHT", "LIGHT_PROBE", "SPEAKER"}
 
-# The reason for objects in collections that the view layer excludes.
-EXCLUDED = "EXCLUDED_FROM_VIEW_LAYER"
-
 
 def chosen_objects(
     source: Path | None, names: Sequence[str] | None = None, collection: str | None = None
-) -> tuple[list[bpy.types.Object], dict[str, str]]:
-    """The visible mesh objects of the open file, and by name the reasons why others are left out; with given names or a
+) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
+    """The visible mesh objects of the open file, and the names of others that are left out; with given names or a
     collection, only these objects. Meshes without faces are left out beside others, unless they are named. Linked
     objects and overrides are hidden, and copies take their places. Raises CommandError without any objects, for a
     missing name, and for an object linked from a missing file."""
@@ -51,20 +48,18 @@ def chosen_objects(
         which = " that is not hidden" if any(obj.type == "MESH" for obj in there) else ""
         raise CommandError(f"{file}: there is no mesh object in {place}{which}")
     others = set(found) - set(visible)
-    left_out = {obj.name: reason for obj in found if obj in others and (reason := _reason_to_leave_out(obj))}
-    left_out |= {obj.name: EXCLUDED for obj in _excluded_meshes() if obj in there and names is None}
+    left_out = [obj.name for obj in found if obj in others and _has_surface(obj)]
+    left_out += [obj.name for obj in _excluded_meshes() if obj in there and names is None]
     meshes: dict[bpy.types.Mesh, bpy.types.Mesh] = {}
-    return [_own(each, meshes) for each in visible], left_out
+    return [_own(each, meshes) for each in visible], tuple(left_out)
 
 
-def _reason_to_leave_out(blender_object: bpy.types.Object) -> str | None:
-    """The reason why an object is left out; None if it shows nothing."""
-    if blender_object.type == "MESH":
-        return "NO_FACES" if blender_object.visible_get() else "HIDDEN"
+def _has_surface(blender_object: bpy.types.Object) -> bool:
+    """Whether an object is a mesh, even a hidden one, or shows a surface of its own or of a collection."""
     if blender_object.instance_type == "COLLECTION" and blender_object.instance_collection is not None:
-        return "COLLECTION_INSTANCE"
-    is_left_out = blender_object.type not in NO_SURFACE and blender_object.visible_get()
-    return blender_object.type if is_left_out else None
+        return True
+    is_shown = blender_object.type not in NO_SURFACE and blender_object.visible_get()
+    return blender_object.type == "MESH" or is_shown
 
 
 def _is_without_faces(blender_object: bpy.types.Object) -> bool:
@@ -111,3 +106,64 @@ def _refuse_missing(file: str, used: Sequence[bpy.types.ID]) -> None:
     if lost is not None:
         library = bpy.path.abspath(lost.library.filepath)
         raise CommandError(f"{file}: “{lost.name}” is missing: it is linked from {library}")
+
+
+# The kinds of data that do not shape an object.
+NO_SHAPE = (bpy.types.Material, bpy.types.Scene, bpy.types.World)
+
+# The kinds of data that are read from files of their own.
+READ = (bpy.types.CacheFile, bpy.types.Image, bpy.types.VectorFont, bpy.types.Volume)
+
+
+def missing_inputs(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Object, str]:
+    """The objects that depend on something missing, and one such cause each.
+
+    An object depends on all used data: its mesh and shape keys, its parent, the data named by its modifiers,
+    constraints and drivers, and the data used by these.
+    """
+    bpy.context.view_layer.update()
+    users = bpy.data.user_map()
+    causes = {each: cause for each in users if not isinstance(each, NO_SHAPE) and (cause := _missing_for(each))}
+    waiting = list(causes)
+    while waiting:
+        used = waiting.pop()
+        for user in users.get(used, ()):
+            if user not in causes and _is_shaped_by(user, used):
+                causes[user] = causes[used]
+                waiting.append(user)
+    return {each: causes[each] for each in objects if each in causes}
+
+
+def _is_shaped_by(user: bpy.types.ID, used: bpy.types.ID) -> bool:
+    # Empties show images for reference alone.
+    is_reference = isinstance(used, bpy.types.Image) and getattr(user, "type", "") == "EMPTY"
+    return not (is_reference or isinstance(user, NO_SHAPE))
+
+
+def _missing_for(block: bpy.types.ID) -> str | None:
+    """The cause why a data-block itself is not what it should be, or None."""
+    if block.is_missing and block.library is not None:
+        return f"“{block.name}”, which is missing: it is linked from {bpy.path.abspath(block.library.filepath)}"
+    path = _missing_file(block)
+    return f"the file {path}, which is missing" if path else _failed_driver(block)
+
+
+def _missing_file(block: bpy.types.ID) -> str | None:
+    """The missing file among the files that the data-block is read from, or None."""
+    paths: list[str] = []
+    if isinstance(block, bpy.types.Object):
+        paths = [each.filepath for each in block.modifiers if each.type == "MESH_CACHE" and each.show_viewport]
+    elif isinstance(block, READ) and getattr(block, "source", "FILE") == "FILE" and block.filepath != "<builtin>":
+        paths = [] if getattr(block, "packed_file", None) else [block.filepath]
+    found = (bpy.path.abspath(path, library=block.library) for path in paths)
+    return next((path for path in found if not Path(path).is_file()), None)
+
+
+def _failed_driver(holder: bpy.types.ID) -> str | None:
+    """A driver of this data-block that did not evaluate, if there is one."""
+    animation = getattr(holder, "animation_data", None)
+    for curve in animation.drivers if animation else ():
+        if not curve.mute and not (curve.is_valid and curve.driver.is_valid):
+            hint = "" if scripts_allowed() else "; blender -y runs the scripts of files"
+            return f"a driver that did not run, “{curve.driver.expression or curve.data_path}”{hint}"
+    return None

@@ -16,16 +16,14 @@ from typing import Any, TextIO
 
 import bpy
 
-from ..ui.printable import printable, printable_lines
+from ..ui.lengths import printable, printable_lines
 from .arguments import STANDARD_OUTPUT, Parser, action_of
-from .blender_calls import CommandError
+from .blender_calls import CommandError, scripts_as_started
 from .one_file import process_file, refuse_place
 from .processes import own_process, process_files
-from .report import FileEntry, Report, csv_text, json_text, stamp
+from .report import FileEntry, Report, csv_text, json_text, losses, stamp
 from .report_page import page
 from .report_reading import ReportError, gathered_reports
-from .report_text import losses
-from .scripted_drivers import scripts_as_started
 from .verification import verify
 from .whole_files import UnwrittenError, written_whole
 

@@ -19,8 +19,7 @@ from ..exchange.custom_normals import CarriedNormals
 from ..exchange.data_blocks import as_bmesh
 from ..state import mesh_values
 from ..tasks.surfaces import shortest_decimal
-from .blender_calls import CommandError, available, call, known_options, temporary_data
-from .scripted_drivers import scripts_allowed
+from .blender_calls import CommandError, available, call, known_options, scripts_allowed, temporary_data
 
 BLEND = ".blend"
 

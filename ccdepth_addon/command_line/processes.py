@@ -17,10 +17,9 @@ from time import monotonic, sleep
 import bpy
 
 from .arguments import output_of
-from .blender_calls import CommandError
+from .blender_calls import ENDS, CommandError
 from .report import FileEntry, stamp
 from .report_reading import ReportError, read_report
-from .scripted_drivers import ENDS
 from .whole_files import remove_left
 
 # Seconds between looks at the processes, and the seconds for a process to end by itself.

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The report of a run: the results for each file and object. As JSON the report is a certificate that can be checked
-again (docs/report.md), as CSV a table with a row for each object. All lengths are in metres."""
+"""The report of a run: the results for each file and object, and their printed text.
+
+As JSON the report is a certificate that can be checked again (docs/report.md), as CSV a table with a row for each
+object. All lengths are in metres.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,10 @@ import io
 import json
 import os
 from base64 import b64encode
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from decimal import Decimal
 from functools import partial
 from hashlib import file_digest
 from math import degrees, inf, nextafter
@@ -22,7 +26,9 @@ from typing import Any, NewType
 import bpy
 
 from .. import version
-from ..ui.printable import printable_lines
+from ..tasks.deviation_task import verdict_of
+from ..ui.facts import deviation_text, facts_of
+from ..ui.lengths import DIGITS, METRIC, Rounding, enough_digits, number_text, printable, printable_lines
 
 FORMAT, FORMAT_VERSION = "ccdepth-report", 3
 PROGRAM = {"name": "CC Depth", "version": version()}
@@ -129,17 +135,16 @@ class ReportPictures:
 @dataclass(frozen=True)
 class FileEntry:
     """The entry of a file. source: None for Blender's Suzanne. error: why the file failed, if it did. chosen: None if
-    no object was done. left_out: by the names of objects, the reasons: HIDDEN, NO_FACES, EXCLUDED_FROM_VIEW_LAYER,
-    COLLECTION_INSTANCE or their type in Blender; None for a file that failed. companions: files written beside
-    the output that belong to it. lost: the data of the objects that no file holds. pictures: one for each object if a
-    page or the report holds them, else none."""
+    no object was done. left_out: the names of other objects with a surface; None for a file that failed. companions:
+    files written beside the output that belong to it. lost: the data of the objects that no file holds. pictures: one
+    for each object if a page or the report holds them, else none."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
     output: FileStamp | None = None
     error: str | None = None
     chosen: Chosen | None = None
-    left_out: dict[str, str] | None = None
+    left_out: tuple[str, ...] | None = None
     companions: tuple[FileStamp, ...] = ()
     lost: tuple[str, ...] = ()
     pictures: tuple[ReportPictures, ...] = ()
@@ -270,3 +275,63 @@ def _cell(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     return ("'" if value.startswith(FORMULA_STARTS) else "") + printable_lines(value)
+
+
+def print_facts(objects: Sequence[bpy.types.Object]) -> None:
+    """Print the facts of the depths on each mesh, with the number of faces of each depth; or the facts of each adaptive
+    mesh."""
+    for mesh, names in _names_by_mesh(objects).items():
+        print(f"\n{names}\n{_result_text(mesh.ccdepth)}\n")
+
+
+def _result_text(record: bpy.types.PropertyGroup) -> str:
+    """The facts of a result, as lines of text."""
+    facts = [f"  {fact.name}: {fact.value}" for fact in facts_of(bpy.context.scene, record)]
+    if record.subdivision:
+        return "\n".join(facts)
+    lines = [f"{'depth':>8}{'faces':>14}{'share':>9}"]
+    lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
+    return "\n".join([*lines, *facts])
+
+
+def losses(entry: FileEntry) -> Iterator[str]:
+    """The omitted parts of a file, and the parts of objects missing from the written file."""
+    for name in entry.left_out or ():
+        yield f"“{printable(name)}” is left out"
+    if entry.lost:
+        yield f"lost in {entry.output and entry.output.path}: {', '.join(entry.lost)}"
+
+
+def print_measured(entry: FileEntry) -> None:
+    """Print the distances of meshes from their limit surfaces."""
+    for each in entry.objects:
+        if each.measured is not None:
+            digits = enough_digits_in_metres(each.tolerance, each.measured.proved)
+            most = metres_text(each.measured.proved, Rounding.UP, digits)
+            least = metres_text(each.measured.reached, Rounding.DOWN)
+            verdict = verdict_of(each.measured.proved, each.measured.reached, each.tolerance)
+            text = deviation_text(most, least, metres_text(each.tolerance, digits=digits), verdict)
+            angles = {"facets": each.facet_angle, "shading": each.shading_angle}
+            told = "".join(f"; {name} {angle:.2f}° at samples" for name, angle in angles.items() if angle is not None)
+            print(f"{printable(each.result or each.name)}: {text}{told}")
+
+
+def enough_digits_in_metres(tolerance: float, *bounds: float) -> int:
+    """The digits for a tolerance and bounds beside each other, in metres."""
+    found = (enough_digits(Decimal(str(each)), Decimal(str(tolerance))) for each in bounds)
+    return max(found, default=DIGITS)
+
+
+def metres_text(length: float, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS) -> str:
+    """A length in metres, in the unit that suits it."""
+    *others, smallest = METRIC.values()
+    unit = next((unit for unit in others if length >= unit.length), smallest)
+    return f"{number_text(Decimal(str(length)) / unit.length, rounding, digits)} {unit.name}"
+
+
+def _names_by_mesh(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Mesh, str]:
+    """The printable names of the objects that use each mesh."""
+    names: dict[bpy.types.Mesh, list[str]] = {}
+    for blender_object in objects:
+        names.setdefault(blender_object.data, []).append(printable(blender_object.name))
+    return {mesh: ", ".join(users) for mesh, users in names.items()}

@@ -13,11 +13,20 @@ from .. import version
 from ..state.colors import depth_colors
 from ..state.properties import VERTEX_TEXTS
 from ..ui.facts import share_text
-from ..ui.lengths import DIGITS, Rounding
-from ..ui.printable import printable
+from ..ui.lengths import DIGITS, Rounding, printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
-from .report import YES_OR_NO, FileEntry, FileStamp, ObjectEntry, Report, ReportPictures, degrees_rounded_up
-from .report_text import enough_digits_in_metres, losses, metres_text
+from .report import (
+    YES_OR_NO,
+    FileEntry,
+    FileStamp,
+    ObjectEntry,
+    Report,
+    ReportPictures,
+    degrees_rounded_up,
+    enough_digits_in_metres,
+    losses,
+    metres_text,
+)
 
 ACTION_TEXTS = {
     DEPTHS: "Depths computed",

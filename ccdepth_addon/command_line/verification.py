@@ -14,13 +14,21 @@ import bpy
 from ..state.chosen import surface_object
 from ..state.properties import set_scene_tolerance
 from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement
-from ..ui.printable import printable_lines
-from .actions import ACTIONS, SETTINGS, settings_of
+from ..ui.lengths import printable_lines
 from .arguments import MAKING, MEASURE, SUBDIVIDE
 from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
 from .mesh_files import BLEND, load, scene_unit, unit_of
-from .one_file import as_held, evaluated_objects, measure_settings, surfaces_of, with_answer
+from .one_file import (
+    ACTIONS,
+    SETTINGS,
+    as_held,
+    evaluated_objects,
+    measure_settings,
+    settings_of,
+    surfaces_of,
+    with_answer,
+)
 from .report import ROUNDING, FileEntry, FileStamp, ObjectEntry, Report, stamp
 from .report_reading import read_report
 from .written_meshes import measured_distances, read_written

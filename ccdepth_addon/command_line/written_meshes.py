@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core import InvalidMeshError, no_report
 from ..exchange.control_mesh import ControlMeshError
+from ..exchange.data_blocks import Identity
 from ..exchange.displayed_mesh import ShownMesh, Triangles, read_shown_mesh
 from ..exchange.mesh_arrays import mesh_face_count
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure
@@ -88,7 +89,7 @@ def _read_stl(path: Path) -> Measured:
     corners = np.fromfile(path, dtype=STL_TRIANGLE, offset=STL_HEADER)["corners"].reshape(-1, 3).astype(np.float64)
     count = len(corners) // 3
     triangles = _joined(Triangles(corners, np.arange(3 * count).reshape(-1, 3), np.arange(count)))
-    return Measured(path.name, 0, count, ShownMesh(triangles, np.eye(3), np.zeros(3)))
+    return Measured(Identity(0, 0, path.name), count, ShownMesh(triangles, np.eye(3), np.zeros(3)))
 
 
 def _joined(triangles: Triangles) -> Triangles:
@@ -98,8 +99,7 @@ def _joined(triangles: Triangles) -> Triangles:
 
 
 def _as_measured(blender_object: bpy.types.Object) -> Measured:
-    mesh = blender_object.data
-    return Measured(blender_object.name, mesh.session_uid, mesh_face_count(mesh), _shown(blender_object))
+    return Measured(Identity.of(blender_object), mesh_face_count(blender_object.data), _shown(blender_object))
 
 
 def _shown(blender_object: bpy.types.Object) -> ShownMesh:

@@ -61,6 +61,11 @@ def read_built_in(attributes: Any, name: str, value: str, dtype: type, width: in
     return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
 
 
+def face_sizes(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
+    """(F,): the number of corners of each face."""
+    return np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=np.int32(len(mesh.loops)))
+
+
 def write_values(items: Any, name: str, values: NDArray[Any], step: float = 0.0) -> None:
     """Write a property of every item of a collection in one go, and read it back once.
 

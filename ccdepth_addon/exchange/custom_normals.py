@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
 from .attributes import CUSTOM_NORMAL, FREE_NORMALS
-from .blender_arrays import find_attribute, read_values, write_attribute
+from .blender_arrays import face_sizes, find_attribute, read_values, write_attribute
 from .data_blocks import unused_name
 
 # The prefix of temporary attributes for custom normals.
@@ -38,7 +38,7 @@ def _store(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: b
     mesh.update()
     is_smooth = smooth_faces(mesh)
     if not is_smooth.all():
-        sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
+        sizes = face_sizes(mesh)
         own = read_values(mesh.polygon_normals, "vector", np.float32, 3)
         normals = np.where(np.repeat(is_smooth, sizes)[:, None], normals, np.repeat(own, sizes, axis=0))
     if bpy.app.version >= FREE_NORMALS and not deformable:

@@ -6,12 +6,31 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import count
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import bmesh
 import bpy
 
 Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
+
+
+class Identity(NamedTuple):
+    """An object and its mesh by their session identifiers, without references to Blender's data; and its name, for
+    people: a linked object may have the same."""
+
+    uid: int
+    mesh_uid: int
+    name: str
+
+    @classmethod
+    def of(cls, blender_object: bpy.types.Object) -> Identity:
+        return cls(blender_object.session_uid, blender_object.data.session_uid, blender_object.name)
+
+
+def objects_with(uids: Iterable[int]) -> list[bpy.types.Object | None]:
+    """The objects with these session identifiers, in their order, and None for removed ones."""
+    by_uid = {each.session_uid: each for each in bpy.data.objects}
+    return [by_uid.get(uid) for uid in uids]
 
 
 def unused_name(prefix: str, taken: Container[str]) -> str:
@@ -23,6 +42,27 @@ def meshes_with(uids: Iterable[int]) -> list[bpy.types.Mesh]:
     """The remaining meshes with these session identifiers, in their order."""
     by_uid = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
     return [by_uid[uid] for uid in uids if uid in by_uid]
+
+
+@contextmanager
+def held(mesh: bpy.types.Mesh) -> Iterator[bpy.types.Object]:
+    """A temporary object with the mesh, outside all scenes: only objects know the names of vertex groups."""
+    holder = bpy.data.objects.new(mesh.name, mesh)
+    try:
+        yield holder
+    finally:
+        bpy.data.objects.remove(holder)
+
+
+@contextmanager
+def removed_on_failure() -> Iterator[list[int]]:
+    """A list for the session identifiers of new meshes, which are removed if this context fails."""
+    made: list[int] = []
+    try:
+        yield made
+    except BaseException:
+        bpy.data.batch_remove(meshes_with(made))
+        raise
 
 
 def is_writable(mesh: bpy.types.Mesh) -> bool:

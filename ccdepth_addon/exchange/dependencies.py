@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 from zlib import crc32
 
@@ -15,7 +16,7 @@ import numpy as np
 from ..core import FloatArray
 from .changes import known_changes
 from .control_mesh import gram_matrix
-from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, checksum_of_points, own_mesh
+from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, checksum_of_points, own_checksum
 from .modifiers import (
     NOT_SHAPING,
     OF_OBJECT,
@@ -25,10 +26,14 @@ from .modifiers import (
     simplified_levels,
     surface_rule,
 )
-from .rna_settings import read_setting, settings_of
 
 # No settings of modifiers are nested deeper.
 DEEPEST = 5
+
+# The state of Blender's interface, and what Blender fills in while it evaluates.
+UNREAD_PREFIXES = ("active_", "open_", "show_")
+UNREAD = {"active", "face_count", "id_data", "node_warnings", "panels", "rna_type", "select", "ui_type"}
+UNREAD_TYPES = {"AnimData", "ParticleSystem", "PointCache"}
 
 # Modifiers with a part that settings do not tell: nodes, sculpted levels, bound meshes, radii, files, and frames.
 HIDDEN_STATE = {
@@ -88,8 +93,7 @@ def _checksum(holder: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier],
     described = [*texts, *_shape_keys(holder), *map(_modifier, shaping)]
     others = any(map(_depends_on_more, shaping))
     if others:
-        with own_mesh(holder) as mesh:
-            described.append(str(attributes_checksum(mesh)))
+        described.append(str(own_checksum(holder, attributes_checksum)))
     checksum = f"{crc32(chr(10).join(described).encode(errors='backslashreplace')):08x}"
     if not others:
         return checksum
@@ -115,10 +119,9 @@ def _crease_groups(holder: bpy.types.Object) -> list[str]:
 
 def _depends_on_more(modifier: bpy.types.Modifier) -> bool:
     """Whether a modifier depends on other data, or on weights and attributes of the mesh."""
-    if modifier.type in HIDDEN_STATE or read_setting(modifier, "vertex_group"):
+    if modifier.type in HIDDEN_STATE or modifier.type == "EDGE_SPLIT" or getattr(modifier, "vertex_group", ""):
         return True
-    values = (read_setting(modifier, name) for name in settings_of(modifier))
-    return modifier.type == "EDGE_SPLIT" or any(isinstance(value, bpy.types.ID) for value in values)
+    return any(isinstance(_read(modifier, name), bpy.types.ID) for name in _names_of(modifier))
 
 
 def _modifier(modifier: bpy.types.Modifier) -> str:
@@ -133,9 +136,38 @@ def _modifier(modifier: bpy.types.Modifier) -> str:
     return f"{text} simplified to {limits[0]}" if limits is not None and limits[0] < modifier.levels else text
 
 
+def _names_of(holder: bpy.types.bpy_struct) -> tuple[str, ...]:
+    """The properties of a modifier, an input or a curve that do more than display it."""
+    kind: Any = type(holder)
+    # Blender makes the types of node groups' inputs anew, under the same names.
+    return _names(kind) if isinstance(holder, bpy.types.PropertyGroup) else _kept_names(kind)
+
+
+def _names(kind: type[bpy.types.bpy_struct]) -> tuple[str, ...]:
+    shared = {*bpy.types.Modifier.bl_rna.properties.keys()} if issubclass(kind, bpy.types.Modifier) else set()
+    return tuple(
+        each.identifier
+        for each in kind.bl_rna.properties
+        if each.identifier not in UNREAD | (shared - {"type"})
+        and not each.identifier.startswith(UNREAD_PREFIXES)
+        and getattr(each.fixed_type if each.type == "POINTER" else None, "identifier", "") not in UNREAD_TYPES
+    )
+
+
+_kept_names = cache(_names)
+
+
+def _read(holder: bpy.types.bpy_struct, name: str) -> Any:
+    """A property; None if Blender cannot read it, as of an object not evaluated yet."""
+    try:
+        return getattr(holder, name)
+    except (AttributeError, RuntimeError, TypeError, ValueError):
+        return None
+
+
 def _settings(holder: bpy.types.bpy_struct, depth: int = 0) -> str:
-    """The settings of a modifier, an input or a curve that do more than display it."""
-    return " ".join(f"{name}={_value(read_setting(holder, name), depth)}" for name in settings_of(holder))
+    """The settings of a modifier, an input or a curve, as text."""
+    return " ".join(f"{name}={_value(_read(holder, name), depth)}" for name in _names_of(holder))
 
 
 def _value(value: Any, depth: int = 0) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray, IndexArray, InvalidMeshError
-from .blender_arrays import read_built_in, read_values
+from .blender_arrays import face_sizes, read_built_in, read_values
 from .control_mesh import ControlMeshError
 from .evaluated import evaluated
 from .face_values import AttributeKind, has_values
@@ -145,7 +145,7 @@ def read_displayed_mesh(
         return None
     positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3)
     corner_vertices = read_built_in(mesh.attributes, ".corner_vert", "value", np.int32)
-    sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=corner_count)
+    sizes = face_sizes(mesh)
     values = np.repeat(read_values(mesh.attributes[kind.name].data, "value", kind.values.dtype), sizes)
     # The viewport's own diagonals: others would cross the surface it draws of a bent quad.
     mesh.calc_loop_triangles()

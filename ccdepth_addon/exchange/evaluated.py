@@ -108,15 +108,18 @@ class Evaluated:
         """Copy an object, with chosen modifiers, and with origins on its faces."""
         names = {modifier.name for modifier in modifiers}
         mesh, origins = self._mesh(blender_object)
-        copy = own_copy(blender_object)
+        is_rigid = blender_object.rigid_body is not None
+        copy = bpy.data.objects.new(blender_object.name, mesh) if is_rigid else own_copy(blender_object)
+        self._context.scene.collection.objects.link(copy)
         self._copies[blender_object.session_uid] = _Copy(copy, len(mesh.polygons), origins)
         copy.data = mesh
         copy.animation_data_clear()
         # Objects hidden in all viewports are not evaluated.
         copy.hide_viewport = False
+        if is_rigid:
+            _make_like(blender_object, copy)
         for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
-        self._context.scene.collection.objects.link(copy)
 
     def __contains__(self, blender_object: bpy.types.Object) -> bool:
         return blender_object.session_uid in self._copies
@@ -189,6 +192,11 @@ class Evaluated:
 
     def remove(self) -> None:
         copies = self._copies.values()
+        for copy in copies:
+            self._context.scene.collection.objects.unlink(copy.holder)
+        if self._context.scene.rigidbody_world is not None:
+            # The removal of an object that is still evaluated ends the caches of rigid bodies.
+            self._context.view_layer.update()
         made = [copy.made for copy in copies if copy.made is not None]
         bpy.data.batch_remove([*(copy.holder for copy in copies), *(mesh for mesh, _ in self._meshes.values()), *made])
 
@@ -212,6 +220,20 @@ def evaluated(
             yield copies
         finally:
             copies.remove()
+
+
+def _make_like(rigid_body: bpy.types.Object, added: bpy.types.Object) -> None:
+    """Give a new object the place, materials and modifiers of a rigid body. A copy would be a rigid body as well, and
+    its coming and going would end the simulation's cache, and move everything simulated."""
+    added.matrix_world = rigid_body.matrix_world
+    added.show_only_shape_key = rigid_body.show_only_shape_key
+    added.active_shape_key_index = rigid_body.active_shape_key_index
+    for slot, own in zip(added.material_slots, rigid_body.material_slots, strict=True):
+        slot.link, slot.material = own.link, own.material
+    with bpy.context.temp_override(
+        active_object=rigid_body, object=rigid_body, edit_object=None, selected_editable_objects=[added]
+    ):
+        bpy.ops.object.make_links_data(type="MODIFIERS")
 
 
 def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:

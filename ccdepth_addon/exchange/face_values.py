@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .blender_arrays import TYPES, ValueType, find_attribute, read_values, write_attribute
+from .blender_arrays import TYPES, ValueType, face_sizes, find_attribute, read_values, write_attribute
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
@@ -195,6 +195,5 @@ def write_colors(mesh: bpy.types.Mesh, colors: NDArray[np.float32]) -> None:
 
     Raises WriteError, with nothing changed, if Blender does not keep the colours.
     """
-    sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-    write_face_values(mesh, {COLOR_KIND: np.repeat(colors, sizes, axis=0)})
+    write_face_values(mesh, {COLOR_KIND: np.repeat(colors, face_sizes(mesh), axis=0)})
     mesh.attributes.active_color_name = COLOR

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 from zlib import crc32
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ..core import FloatArray, PolygonMesh, crease_to_sharpness
 from .blender_arrays import TYPES, read_built_in, read_values
-from .data_blocks import convert_attribute, own_copy
+from .changes import known_checksum
+from .data_blocks import convert_attribute, held, own_copy
 from .face_values import ATTRIBUTES
 from .modifiers import SurfaceRule
 
@@ -38,6 +39,14 @@ def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
         bpy.data.meshes.remove(scratch)
 
 
+def own_checksum(blender_object: bpy.types.Object, checksum_of: Callable[[bpy.types.Mesh], int]) -> int:
+    """A checksum of the object's mesh, as known, or in Edit Mode of the edited mesh."""
+    if not blender_object.data.is_editmode:
+        return known_checksum(blender_object.data, checksum_of)
+    with own_mesh(blender_object) as mesh:
+        return checksum_of(mesh)
+
+
 def mesh_face_count(mesh: bpy.types.Mesh) -> int:
     """The number of faces of a mesh; in Edit Mode, of the mesh being edited."""
     if not mesh.is_editmode:
@@ -50,13 +59,9 @@ def _copy_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) -> No
     name."""
     for material in blender_object.data.materials:
         scratch.materials.append(material)
-    if not blender_object.vertex_groups:
-        return
-    # Only objects can make vertex groups.
-    holder = bpy.data.objects.new(scratch.name, scratch)
-    for group in blender_object.vertex_groups:
-        holder.vertex_groups.new(name=group.name)
-    bpy.data.objects.remove(holder)
+    with held(scratch) as holder:
+        for group in blender_object.vertex_groups:
+            holder.vertex_groups.new(name=group.name)
 
 
 def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
@@ -95,12 +100,11 @@ def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
     if (attribute.data_type, attribute.domain) == ("FLOAT", CREASE_DOMAINS[name]):
         return read_values(attribute.data, "value", np.float32)
     copy = own_copy(mesh)
-    holder = bpy.data.objects.new(copy.name, copy)
     try:
-        convert_attribute(holder, name, mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")
+        with held(copy) as holder:
+            convert_attribute(holder, name, mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")
         return read_values(copy.attributes[name].data, "value", np.float32)
     finally:
-        bpy.data.objects.remove(holder)
         bpy.data.meshes.remove(copy)
 
 

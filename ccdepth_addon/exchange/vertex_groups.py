@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core import BoolArray, PolygonMesh, SubdividedMesh, interpolated_at_vertices
 from .blender_arrays import write_attribute
-from .data_blocks import convert_attribute, unused_name
+from .data_blocks import convert_attribute, held, unused_name
 
 WEIGHTS = "ccdepth_weights"
 
@@ -24,11 +24,8 @@ Groups = list[tuple[str, bool]]
 
 def has_groups(mesh: bpy.types.Mesh) -> bool:
     """Whether a mesh has vertex groups, whose names only its objects know."""
-    holder = bpy.data.objects.new(mesh.name, mesh)
-    try:
+    with held(mesh) as holder:
         return len(holder.vertex_groups) > 0
-    finally:
-        bpy.data.objects.remove(holder)
 
 
 def write_groups(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The common base of Apply Adaptive Subdivision, Update Result and Count Faces."""
+"""Apply Adaptive Subdivision, and the common base of this operator, Update Result and Count Faces."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -8,19 +8,20 @@ from functools import partial
 import bpy
 
 from ..exchange.modifiers import base_modifiers, has_own_keys, left_out_sculpting
-from ..state import known, properties
+from ..state import heat_map, known, out_of_date, properties, result_record
+from ..state.chosen import chosen
+from ..state.heat_map import Shown
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
 from ..tasks.surfaces import ComputeError
-from ..ui.lengths import bound_texts
-from ..ui.printable import printable
-from . import edit_mode
+from ..ui.lengths import bound_texts, printable
 from .job import Steps, Work
 from .long_operator import LongOperator
-from .place_results import NewMesh, make_meshes
+from .place_results import NewMesh, make_meshes, place_meshes
 from .reduced_meshes import Reducer
-from .selected_meshes import LINKED, count_text, name_fault
+from .scene_objects import edit_mode_left
+from .selected_meshes import LINKED, count_text, hidden_fault, name_fault, refuse, still_there
 
 
 class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):
@@ -34,12 +35,12 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         self, context: bpy.types.Context, objects: Sequence[bpy.types.Object], sources: Sequence[bpy.types.Object]
     ) -> Iterator[list[int]]:
         """Leave Edit Mode while this context lasts, and end the run when one of these objects is deleted. Gives the
-        list of ``edit_mode.left``."""
+        list of ``edit_mode_left``."""
         # The evaluation for reading looks like a change of the objects.
         counted = known.known_count(objects, self.settings())
         self.counted = None if counted is None else counted.faces
         self.end_without(context, [*objects, *sources])
-        with edit_mode.left(context) as edited:
+        with edit_mode_left(context) as edited:
             yield edited
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
@@ -109,7 +110,7 @@ def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> 
 
 def _notes(task: AdaptiveTask, use_modifiers: bool, exact_normals: bool) -> list[str]:
     """Notes on sculpting, custom normals and shape keys with an outcome that would surprise a user."""
-    source = bpy.data.objects[task.targets[0].source]
+    [source] = still_there([task.targets[0].source])
     notes = []
     if left_out_sculpting(source, use_modifiers=use_modifiers):
         notes.append("its Multiresolution modifier is not included, so the result lacks its sculpting")
@@ -121,3 +122,64 @@ def _notes(task: AdaptiveTask, use_modifiers: bool, exact_normals: bool) -> list
     elif keys is not None and any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
         notes.append("the tolerance is not proved where a vertex group limits a shape key")
     return [f"{source.name}: {note}" for note in notes]
+
+
+class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
+    """Make a mesh with few faces, without cracks, and within the tolerance of the limit surface. The mesh takes the
+    place of the Subdivision Surface modifier"""
+
+    bl_idname = "ccdepth.subdivide"
+    bl_label = "Apply Adaptive Subdivision"
+
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
+        objects = chosen(context)
+        refuse(objects, self._fault)
+        settings = properties.Settings.of(self, result_record.SETTINGS)
+        in_place, is_editing = self.output == "IN_PLACE", context.mode == "EDIT_MESH"
+        with self.in_object_mode(context, objects, objects) as edited:
+            made, notes = yield from self.made(context, objects, objects, self._progress_text)
+            placed = place_meshes(context, made, self.settings(), in_place=in_place)
+            for made_object, source, read in placed:
+                if in_place:
+                    # It came from nothing any more.
+                    result_record.forget(made_object)
+                else:
+                    out_of_date.remember_made(made_object, source, settings, made_object.data.materials, read)
+            if is_editing:
+                edited[:] = [made_object.session_uid for made_object, *_ in placed]
+        heat_map.show(context, Shown.DISTANCE)
+        self.report_skipped(context)
+        self.report_made(made, notes, [made_object for made_object, *_ in placed])
+        return {"FINISHED"}
+
+    def _progress_text(self, faces: float) -> str:
+        of_all = "faces so far" if self.counted is None else f"of {self.counted:,} faces"
+        return f"Subdividing: {faces:,.0f} {of_all}"
+
+    def _fault(self, blender_object: bpy.types.Object) -> str | None:
+        if not self.subdivide_results and result_record.is_adaptive(blender_object):
+            return _result_fault(blender_object)
+        if self.output == "IN_PLACE" and (fault := self._replacing_fault(blender_object)):
+            return fault
+        return hidden_fault(blender_object) or self.making_fault(blender_object, blender_object)
+
+    def _replacing_fault(self, blender_object: bpy.types.Object) -> str | None:
+        """The reason why the object's mesh cannot be replaced, or None."""
+        if blender_object.override_library is not None:
+            return "the object is a library override; choose New Object, or make it local first"
+        if left_out_sculpting(blender_object, use_modifiers=self.use_modifiers):
+            return (
+                "the sculpting of its Multiresolution modifier would be lost; turn Include Modifiers on and show the "
+                "modifier, or choose New Object"
+            )
+        return None
+
+
+def _result_fault(blender_object: bpy.types.Object) -> str:
+    """The reason why a result is not subdivided."""
+    if result_record.is_result(blender_object):
+        return (
+            f"it is a result already, made from “{blender_object.ccdepth.source_name}”; use Update Result to make it "
+            "anew, or turn Subdivide Results on to subdivide it once more"
+        )
+    return "it was subdivided in place already, and has no source; turn Subdivide Results on to subdivide it once more"

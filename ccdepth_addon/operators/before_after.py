@@ -67,7 +67,7 @@ def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
 
 def _showing_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> str | None:
     """The reason why an object cannot be shown in the view layer, or None."""
-    if context.view_layer.objects.get(blender_object.name) != blender_object:
+    if blender_object not in {*context.view_layer.objects}:
         return "it is not in this view layer"
     if not can_be_shown(blender_object):
         return "it is in a hidden collection, outside the local view, or disabled in viewports; show that first"

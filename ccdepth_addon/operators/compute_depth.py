@@ -13,7 +13,7 @@ from ..state.heat_map import Shown
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
 from ..tasks.surfaces import Surface
-from ..ui.printable import printable
+from ..ui.lengths import printable
 from .job import Steps, Work
 from .long_operator import LongOperator
 from .selected_meshes import count_text, refuse_what_cannot_be_written, still_there
@@ -36,7 +36,7 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
             typed_frames(settings.frames)
         work = yield from prepare_depths(context, objects, settings)
         answers = yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0)
-        holders = [_still_there(each) for each in answers]
+        holders = [still_there(each.task.holders, each.task.face_count)[0] for each in answers]
         mesh_values.write_depths(holders, answers, settings)
         for each, holder in zip(answers, holders, strict=True):
             out_of_date.remember_depths(holder.data, each.task.geometry, each.depths, each.task.states)
@@ -48,7 +48,7 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
         self.report_skipped(context)
         for answer in answers:
             for note in _modifier_notes(answer):
-                self.report({"WARNING"}, f"{printable(answer.task.object_names[0])}: {note}")
+                self.report({"WARNING"}, f"{printable(answer.task.holders[0].name)}: {note}")
             for note in _quality_notes(answer):
                 self.report({"WARNING"}, printable(note))
         faces = count_text(sum(len(answer.depths) for answer in answers), "face", "faces")
@@ -58,13 +58,6 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
         left = sum(int(answer.might_need_less.sum()) for answer in answers)
         less = f"; {count_text(left, 'face', 'faces')} might need less: Effort Full" if left else ""
         self.report({"INFO"}, f"{meshes}{faces}, deepest depth {worst.deepest}{at_frame}{less}")
-
-
-def _still_there(answer: MeshDepths) -> bpy.types.Object:
-    """An object with the mesh of the answer. Raises ComputeError if an object of the mesh has changed meanwhile."""
-    task = answer.task
-    users = [still_there((name, None), task.mesh_uid, task.face_count) for name in task.object_names]
-    return users[0]
 
 
 def _modifier_notes(answer: MeshDepths) -> list[str]:
@@ -84,26 +77,26 @@ def _modifier_notes(answer: MeshDepths) -> list[str]:
 def _quality_notes(answer: MeshDepths) -> list[str]:
     """The Subdivision Surface modifiers with a Quality too low for Use Limit Surface at their levels."""
     notes = []
-    surfaces: dict[str, list[Surface]] = {}
+    surfaces: dict[int, list[Surface]] = {}
     for request in answer.task.requests:
-        surfaces.setdefault(request.surface.object_name, []).append(request.surface)
-    any_surfaces = answer.task.groups[0].requests[0].surface.object_name
+        surfaces.setdefault(request.surface.holder.uid, []).append(request.surface)
+    any_surfaces = answer.task.groups[0].requests[0].surface.holder.uid
     most = bpy.types.SubsurfModifier.bl_rna.properties["quality"].hard_max
-    needed_at: dict[tuple[str, int], int] = {}
-    for name in answer.task.object_names:
-        modifier = subdivision_modifier(bpy.data.objects[name])
+    needed_at: dict[tuple[int, int], int] = {}
+    for each in still_there(answer.task.holders):
+        modifier = subdivision_modifier(each)
         if modifier is None or not modifier.use_limit_surface or modifier.quality == most:
             continue
         # Objects without a surface of their own have the same control mesh as another one.
-        alike = name if name in surfaces else any_surfaces
+        alike = each.session_uid if each.session_uid in surfaces else any_surfaces
         level = max(modifier.levels, modifier.render_levels)
         key = (alike, level)
         if key not in needed_at:
-            qualities = (needed_quality(each.control.in_world, level, each.tolerance) for each in surfaces[alike])
+            qualities = (needed_quality(one.control.in_world, level, one.tolerance) for one in surfaces[alike])
             needed_at[key] = min(max(qualities), most)
         if modifier.quality < needed_at[key]:
             notes.append(
-                f"{name}: at its {count_text(level, 'level', 'levels')}, Use Limit Surface needs a Quality of "
+                f"{each.name}: at its {count_text(level, 'level', 'levels')}, Use Limit Surface needs a Quality of "
                 f"{needed_at[key]} to show the limit surface; it is {modifier.quality}"
             )
     return notes

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Count Faces."""
+"""Count Faces and Find Tolerance."""
 
 from functools import partial
 from typing import ClassVar
 
 import bpy
 
-from ..state import known, result_record
+from ..state import known, properties, result_record
 from ..state.chosen import chosen
-from ..tasks.adaptive_meshes import count_results, too_many_text
+from ..tasks.adaptive_meshes import FaceCount, best_tolerance, count_results, too_many_text
 from ..tasks.adaptive_task import AdaptiveTask, prepare_adaptive
-from ..ui.printable import printable
+from ..tasks.surfaces import ComputeError
+from ..ui.lengths import printable
 from .adaptive_operator import AdaptiveOperator, result_fault
 from .job import Steps, Work
 from .selected_meshes import count_text, hidden_fault, refuse
@@ -48,4 +49,31 @@ class CCDEPTH_OT_count_faces(CountingOperator):
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:
             self.report({"WARNING"}, printable(too_many_text(tasks, counts[0], self.settings())))
+        return {"FINISHED"}
+
+
+class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
+    """Set the best tolerance for a largest number of faces, of the adaptive meshes of all selected objects together,
+    and angles that go with the tolerance"""
+
+    bl_idname = "ccdepth.find_tolerance"
+    bl_label = "Find Tolerance"
+
+    def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
+        if self.face_budget > self.max_faces:
+            raise ComputeError(f"The Face Limit is {self.max_faces:,}; raise it first")
+        tasks = yield from self.read(context)
+        work = partial(best_tolerance, tasks, self.settings(), self.face_budget)
+        fit = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, self.counted)
+        if fit is None:
+            raise ComputeError(f"Even undivided there would be more than {self.face_budget:,} faces")
+        context.scene.ccdepth.tolerance_mode = self.tolerance_mode
+        properties.set_scene_tolerance(context.scene.ccdepth, fit.tolerance)
+        for name in ("shading_angle", "facet_angle"):
+            setattr(context.scene.ccdepth, name, getattr(fit.settings, name))
+        counts = [FaceCount(faces) for faces in fit.counts]
+        known.remember_count(context, tasks, fit.settings, counts)
+        unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
+        text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
+        self.report({"INFO"}, text)
         return {"FINISHED"}

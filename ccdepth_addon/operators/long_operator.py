@@ -12,8 +12,8 @@ import numpy as np
 
 from ..state import known, properties
 from ..tasks.surfaces import ComputeError
-from ..ui import progress_bar
-from ..ui.printable import printable_lines
+from ..ui import sidebar
+from ..ui.lengths import printable_lines
 from .job import SECONDS_TO_WAIT, Cancelled, Job, Steps
 from .selected_meshes import MeshOperator, count_text
 
@@ -96,7 +96,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
                 self._stop_waiting(context)
                 return ended
             assert self._run is not None
-            progress_bar.show(context, self._run.text or self.bl_label, self._run.fraction)
+            sidebar.show_progress(context, self._run.text or self.bl_label, self._run.fraction)
             if self._run.is_working:
                 self._save_if_wanted()
         return {"PASS_THROUGH"} if event.type in NAVIGATION_EVENTS else {"RUNNING_MODAL"}
@@ -154,7 +154,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
 
     def _stop_waiting(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
-        progress_bar.hide(context)
+        sidebar.hide_progress(context)
         # There is none when Blender is closed.
         if context.window is not None:
             context.window.cursor_modal_restore()

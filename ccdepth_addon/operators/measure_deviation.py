@@ -14,8 +14,7 @@ from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import naming
 from ..ui.facts import deviation_text
-from ..ui.lengths import Rounding, bound_texts, common_unit, length_text
-from ..ui.printable import printable
+from ..ui.lengths import Rounding, bound_texts, common_unit, length_text, printable
 from .job import Steps, Work
 from .long_operator import LongOperator
 from .selected_meshes import refuse_what_cannot_be_written, still_there
@@ -43,7 +42,7 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         settings = MeasureSettings.of(self, self.tolerance)
         tasks = [prepare_measurement(context, group, target, settings) for target, group in wanted.items()]
         states = {
-            each.name: still_holds.measured_state(each, target, use_modifiers=settings.use_modifiers)
+            each.session_uid: still_holds.measured_state(each, target, use_modifiers=settings.use_modifiers)
             for target, group in wanted.items()
             for each in group
         }
@@ -51,10 +50,11 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         for task in tasks:
             with naming(task.surface.object_name):
                 answers += yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
-        holders = [_still_there(each) for each in answers]
+        found = [still_there([*each.holders, each.against]) for each in answers]
+        holders = [still_there(each.holders, len(each.deviations))[0] for each in answers]
         mesh_values.write_deviations(holders, answers, settings)
-        for each, measured in zip(answers, holders, strict=True):
-            out_of_date.remember_measurement(measured, bpy.data.objects[each.against], states[each.measured])
+        for measured, (*_, target) in zip(holders, found, strict=True):
+            out_of_date.remember_measurement(measured, target, states[measured.session_uid])
         heat_map.show(context, Shown.DEVIATION)
         self.report_skipped(context)
         for each in answers:
@@ -63,13 +63,6 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
                 self.report({"WARNING"}, f"{name}the distances are those proved so far; {ENDED[each.out_of_time]}")
             self.report({"INFO"}, f"{name}{_text(context.scene, each)}")
         return {"FINISHED"}
-
-
-def _still_there(answer: MeshDeviation) -> bpy.types.Object:
-    """The object to write the answer to. Raises ComputeError if an object has changed since it was read."""
-    for name in (*answer.object_names, answer.against):
-        still_there(name)
-    return still_there(answer.measured, answer.mesh_uid, len(answer.deviations))
 
 
 def _text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
 
 import bpy
 import numpy as np
@@ -16,12 +15,13 @@ from numpy.typing import NDArray
 from ..exchange.adaptive_mesh import UV_SMOOTH, new_mesh
 from ..exchange.changes import paused
 from ..exchange.control_mesh import base_mesh
-from ..exchange.data_blocks import is_writable, meshes_with, own_copy
+from ..exchange.data_blocks import is_writable, meshes_with, own_copy, removed_on_failure
 from ..exchange.dependencies import object_state
 from ..exchange.evaluated import Evaluated, batches, evaluated
 from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, left_out_sculpting, subdivision_modifier
 from ..state import mesh_values, out_of_date, result_record
+from ..state.properties import Settings
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
 from .scene_objects import hide, link_beside, show, show_in_local_view
@@ -46,13 +46,24 @@ class NewMesh:
 
 
 @dataclass
-class _Place:
-    """A mesh to place. users: the objects that get it; sources: the source for each of them."""
+class Placement:
+    """A mesh to place. users: the objects that get it; sources: the source for each of them. old: the mesh of the first
+    user; is_edited, was_cleared: whether a user changed it, and whether it has no depths."""
 
     made: NewMesh
     mesh: bpy.types.Mesh
     users: list[bpy.types.Object]
     sources: list[bpy.types.Object]
+    old: bpy.types.Mesh
+    is_edited: bool
+    was_cleared: bool
+
+    @classmethod
+    def of(cls, made: NewMesh, mesh: bpy.types.Mesh) -> Placement:
+        """Raises ComputeError if an object has changed."""
+        users = still_there([target.user for target in made.answer.task.targets])
+        old, is_edited = users[0].data, result_record.is_edited(users[0])
+        return cls(made, mesh, users, _sources(made.answer), old, is_edited, not mesh_values.has_depths(old))
 
 
 def make_meshes(
@@ -64,7 +75,7 @@ def make_meshes(
     since it was read.
     """
     made: list[NewMesh] = []
-    try:
+    with removed_on_failure() as uids:
         for batch in batches(answers, lambda answer: len(answer.adaptive.mesh.base_faces), FACES_AT_ONCE):
             yield f"Writing meshes: {len(made):,} of {len(answers):,}"
             context.view_layer.update()
@@ -74,9 +85,7 @@ def make_meshes(
                 for answer, holder in zip(batch, holders, strict=True):
                     with naming(holder.name):
                         made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
-    except BaseException:
-        bpy.data.batch_remove(meshes_with(each.mesh_uid for each in made))
-        raise
+                        uids.append(made[-1].mesh_uid)
     return made
 
 
@@ -100,17 +109,12 @@ def place_meshes(
 
 
 @contextmanager
-def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[list[_Place], ExitStack]]:
+def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[list[Placement], ExitStack]]:
     """The meshes to place within this context, and a stack that undoes a failed placing and removes the meshes.
     Afterwards the dependencies are recorded. Raises ComputeError if an object has changed."""
     meshes = meshes_with(each.mesh_uid for each in made)
     try:
-        places = [
-            _Place(
-                each, mesh, [still_there((name, None)) for name in each.answer.task.object_names], _sources(each.answer)
-            )
-            for each, mesh in zip(made, meshes, strict=True)
-        ]
+        places = [Placement.of(*pair) for pair in zip(made, meshes, strict=True)]
         # Objects of ours that come into the scene are no change of the sources.
         with paused(context), ExitStack() as undo:
             yield places, undo
@@ -131,7 +135,7 @@ def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[
 
 def _sources(answer: AdaptiveAnswer) -> list[bpy.types.Object]:
     """The sources of the result. Raises ComputeError if one of them has changed since it was read."""
-    return [still_there(target.source, answer.task.mesh_uid) for target in answer.task.targets]
+    return still_there([target.source for target in answer.task.targets])
 
 
 def _make_mesh(
@@ -156,28 +160,25 @@ def _make_mesh(
         exact_normals=exact_normals,
         normals=answer.adaptive.normals,
     )
-    try:
+    with removed_on_failure() as made:
+        made.append(mesh.session_uid)
         mesh.name = source.name + NAME_SUFFIX
         adaptive, has_angles = answer.adaptive, answer.task.has_angles(settings)
         mesh_values.write_adaptive(mesh, answer, settings, adaptive.depths, adaptive.bounds, has_angles=has_angles)
-    except BaseException:
-        bpy.data.meshes.remove(mesh)
-        raise
     read = [result_record.source_checksum(each, use_modifiers=settings.use_modifiers) for each in _sources(answer)]
     return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths, read)
 
 
-def _place_instead(places: list[_Place], settings: AdaptiveSettings, undo: ExitStack) -> None:
+def _place_instead(places: list[Placement], settings: AdaptiveSettings, undo: ExitStack) -> None:
     """Let each mesh take the place of its objects' mesh."""
-    old = [place.users[0].data for place in places]
-    names = [mesh.name for mesh in old]
+    names = [place.old.name for place in places]
     for place in places:
         _give_mesh(place.mesh, place.users, undo)
     # The next steps cannot be undone; with the file's own objects they do not fail.
     for place in places:
         for user in place.users:
             _remove_applied_modifiers(user, settings)
-    bpy.data.batch_remove([mesh for mesh in dict.fromkeys(old) if not mesh.users])
+    bpy.data.batch_remove([mesh for mesh in {place.old for place in places} if not mesh.users])
     for place, name in zip(places, names, strict=True):
         place.mesh.name = name
 
@@ -223,29 +224,26 @@ def _place_beside(
     return copy
 
 
-def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: dict[str, Any]) -> list[str]:
+def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: Settings) -> list[str]:
     """Give each mesh to its results, and to the objects that share their mesh; returns notes for the user. Raises
     ComputeError, with nothing changed, if an object has changed."""
     with _placing(context, made) as (places, undo):
-        old = [place.users[0].data for place in places]
-        cleared = [not mesh_values.has_depths(mesh) for mesh in old]
-        edited = [place.users[0].data for place in places if result_record.is_edited(place.users[0])]
         materials = [list(place.mesh.materials) for place in places]
         for place, users in zip(places, _with_sharing(places), strict=True):
             _keep_materials(place.mesh, users)
             _give_mesh(place.mesh, users, undo)
         # The next steps cannot be undone, and do not fail.
-        notes = _take_places(places, old, edited)
+        notes = _take_places(places)
     # The tolerance is proved only for these objects, and not for objects of other scales that share their meshes.
-    for place, from_source, was_cleared in zip(places, materials, cleared, strict=True):
-        if was_cleared:
+    for place, from_source in zip(places, materials, strict=True):
+        if place.was_cleared:
             mesh_values.clear(place.mesh)
         for user, source, read in zip(place.users, place.sources, place.made.sources, strict=True):
             out_of_date.remember_made(user, source, settings, from_source, read)
     return notes
 
 
-def _with_sharing(places: list[_Place]) -> list[list[bpy.types.Object]]:
+def _with_sharing(places: list[Placement]) -> list[list[bpy.types.Object]]:
     """The results, each with the objects that share its mesh, and will share the new one."""
     named = {user for place in places for user in place.users}
     sharing: dict[bpy.types.Mesh, list[bpy.types.Object]] = {}
@@ -269,18 +267,15 @@ def _keep_materials(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> 
         mesh.materials[index] = material
 
 
-def _take_places(
-    places: Sequence[_Place], old: Sequence[bpy.types.Mesh], edited: Sequence[bpy.types.Mesh]
-) -> list[str]:
+def _take_places(places: Sequence[Placement]) -> list[str]:
     """Remove unused old meshes, keep meshes edited by a user, and give their names to the new meshes; returns notes for
     the user. A mesh replaced by several gives its name to the first."""
     notes = []
-    first = dict(reversed([*zip(old, places, strict=True)]))
-    for before, place in first.items():
+    for before, place in {place.old: place for place in reversed(places)}.items():
         if before.users or not is_writable(before):
             continue
         name = before.name
-        if before in edited:
+        if place.is_edited:
             before.name = f"Edited {name}"
             before.use_fake_user = True
             notes.append(f"{place.users[0].name}: the edited mesh is kept as “{before.name}”")

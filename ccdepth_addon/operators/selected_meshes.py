@@ -3,16 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import ClassVar, TypeVar
 
 import bpy
 
+from ..exchange.data_blocks import Identity, objects_with
 from ..exchange.face_values import conflict
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state.chosen import chosen
 from ..tasks.surfaces import ComputeError
-from ..ui.printable import printable_lines
+from ..ui.lengths import printable_lines
 
 Holder = TypeVar("Holder", bpy.types.Object, bpy.types.Mesh)
 
@@ -67,20 +68,19 @@ def count_text(number: int, one: str, many: str) -> str:
     return f"{number:,} {one if number == 1 else many}"
 
 
-def still_there(
-    name: str | tuple[str, str | None], mesh_uid: int | None = None, face_count: int | None = None
-) -> bpy.types.Object:
-    """The unchanged object of a name, or of a name and a library. Raises ComputeError if it is gone, or has no mesh,
-    another mesh, or another number of faces."""
-    found = bpy.data.objects.get(name)
-    if (
-        found is None
-        or found.type != "MESH"
-        or mesh_uid not in (None, found.data.session_uid)
-        or face_count not in (None, mesh_face_count(found.data))
-    ):
-        raise ComputeError(CHANGED)
-    return found
+def still_there(holders: Collection[Identity], face_count: int | None = None) -> list[bpy.types.Object]:
+    """The unchanged objects. Raises ComputeError if one is gone, or has another mesh, or another number of faces."""
+    there = []
+    for holder, each in zip(holders, objects_with(holder.uid for holder in holders), strict=True):
+        if (
+            each is None
+            or each.type != "MESH"
+            or each.data.session_uid != holder.mesh_uid
+            or face_count not in (None, mesh_face_count(each.data))
+        ):
+            raise ComputeError(CHANGED)
+        there.append(each)
+    return there
 
 
 def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:

@@ -10,8 +10,9 @@ from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import sculpted
 from ..state import out_of_date, result_record, watch
 from ..state.chosen import chosen
+from ..state.properties import Settings
 from ..tasks.surfaces import NOT_PLACED, ComputeError
-from ..ui.printable import printable_lines
+from ..ui.lengths import printable_lines
 from .adaptive_operator import MakingOperator
 from .job import Steps
 from .long_operator import NAVIGATION_EVENTS
@@ -33,7 +34,7 @@ class UpdatingOperator(MakingOperator):
         refuse(chosen, lambda each: None if is_placed(layer, each) else NO_SIZE)
         refuse(results, lambda each: self._fault(each, results))
         sources = [result_record.control_object(each) for each in results]
-        settings = result_record.made_with(self, self.tolerance)
+        settings = Settings.of(self, result_record.SETTINGS)
         with self.in_object_mode(context, results, sources):
             made, notes = yield from self.made(context, sources, results, "Updating: {:,.0f} faces so far".format)
             self.report_made(made, place_in_results(context, made, settings) + notes, results)
@@ -103,8 +104,7 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
         for each in due:
             # It may have been edited meanwhile.
             if not result_record.is_edited(each):
-                settings = result_record.made_with(each.ccdepth, each.ccdepth.tolerance)
-                for name, value in settings.items():
+                for name, value in Settings.of(each.ccdepth, result_record.SETTINGS).values.items():
                     setattr(self, name, value)
                 status = yield from self.updated(context, [each])
         return status
@@ -143,8 +143,8 @@ def _source_fault(result: bpy.types.Object, together: Collection[bpy.types.Objec
 
 def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The results in the view layer to be made anew after edits of their sources."""
-    present = context.view_layer.objects
-    return [each for each in out_of_date.due_results() if each.is_editable and present.get(each.name) == each]
+    present = {*context.view_layer.objects}
+    return [each for each in out_of_date.due_results() if each.is_editable and each in present]
 
 
 def _start_keeping_updated() -> bool:

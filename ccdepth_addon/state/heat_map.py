@@ -19,7 +19,7 @@ from ..exchange.face_values import (
     read_face_values,
     rounded_up,
 )
-from . import mesh_values, viewports
+from . import mesh_values, watch
 from .colors import LAST_DEPTH, scale_colors, to_linear
 
 Values = NDArray[np.int32] | NDArray[np.float32]
@@ -46,9 +46,10 @@ def shown(settings: bpy.types.PropertyGroup) -> Shown | None:
 def show(context: bpy.types.Context, kind: Shown) -> None:
     """Switch the scene's heat map to a kind of values that was just made, unless the map is off."""
     settings = context.scene.ccdepth
-    if shown(settings) is not None:
+    # A setting that is written, even unchanged, ends the caches of simulations in the scene.
+    if shown(settings) not in (None, kind):
         settings.heat_map = kind.name
-    viewports.redraw(context)
+    watch.redraw(context)
 
 
 def last_kind(mesh: bpy.types.Mesh) -> Shown | None:

@@ -17,7 +17,7 @@ from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask
-from . import out_of_date, viewports, watch
+from . import out_of_date, watch
 from .chosen import chosen
 from .properties import scene_tolerance
 from .result_record import control_object
@@ -97,9 +97,9 @@ def remember_count(
         total = sum(count.faces for count in counts)
         together = FaceCount(total, by_distance=sum(by_distance) if by_distance else None)
         for task, count in zip(tasks, counts, strict=True):
-            _counts[_uids(bpy.data.objects[name] for name in task.object_names)] = settings, count
-    _counts[_uids(bpy.data.objects[name] for task in tasks for name in task.object_names)] = settings, together
-    viewports.redraw(context)
+            _counts[frozenset(target.user.uid for target in task.targets)] = settings, count
+    _counts[frozenset(target.user.uid for task in tasks for target in task.targets)] = settings, together
+    watch.redraw(context)
 
 
 def known_count(objects: Iterable[bpy.types.Object], settings: AdaptiveSettings) -> FaceCount | None:
@@ -118,14 +118,11 @@ def _uids(objects: Iterable[bpy.types.Object]) -> frozenset[int]:
     return frozenset(each.session_uid for each in objects)
 
 
-def note_refused(faces_at_fault: Mapping[str, int]) -> None:
-    """Note the number of faces that the last run could not use, by the names of objects; none after a good run."""
+def note_refused(faces_at_fault: Mapping[int, int]) -> None:
+    """Note the number of faces that the last run could not use, by the session identifiers of meshes; none after a good
+    run."""
     _refused.clear()
-    for name, faces in faces_at_fault.items():
-        holder = bpy.data.objects.get(name)
-        # The object may have been deleted during the run.
-        if holder is not None:
-            _refused[holder.data.session_uid] = faces
+    _refused.update(faces_at_fault)
 
 
 def faces_at_fault(mesh: bpy.types.Mesh) -> int:
@@ -147,7 +144,7 @@ def is_selection_shown(mesh: bpy.types.Mesh) -> bool:
 
 def _notice_update(changed: bpy.types.Object, _geometry: bool) -> bool:
     uid = changed.session_uid
-    uids = {uid, *out_of_date.uids_of_results(uid)} if _counts else set()
+    uids = {uid, *out_of_date.noted(changed).results} if _counts else set()
     for counted in [counted for counted in _counts if counted & uids]:
         del _counts[counted]
     return False

@@ -180,7 +180,9 @@ def _write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: Me
     record.deviation_reached = -float(rounded_up(-answer.reached))
     record.deviation_facet_angle, record.deviation_shading_angle = answer.facet_angle, answer.shading_angle or 0.0
     found = record.measurement
-    found.measured, found.against = answer.measured, answer.against
+    found.measured = answer.measured
+    # Of its own limit surface there is no other name.
+    found.against = "" if answer.holders == [answer.against] else answer.against.name
     _write_inputs(found, settings, answer.tolerance, len(answer.deviations))
     found.verdict = answer.verdict.name
     found.accuracy, found.accuracy_met = settings.accuracy, answer.accuracy_met

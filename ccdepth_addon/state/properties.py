@@ -2,13 +2,15 @@
 # mypy: disable-error-code="valid-type"
 """Settings with their labels and tooltips, each declared once: scenes, operators and records inherit them."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from math import radians
-from typing import Any
+from typing import Any, Self
 
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core import METHODS
-from ..tasks.surfaces import shortest_decimal
+from ..tasks.surfaces import shortest_decimal, typed_values
 
 # A thousandth of the bounding box is about one pixel when the object fills the screen, whatever its size.
 DEFAULT_RELATIVE_TOLERANCE = 0.001
@@ -285,7 +287,7 @@ class BudgetProperties:
 
     face_budget: IntProperty(
         name="Budget",
-        description="How many faces the adaptive meshes of all selected objects may have together; Reduce makes fewer",
+        description="How many faces the adaptive meshes of all selected objects may have together, before Reduce",
         default=50_000,
         min=1,
         soft_min=100,
@@ -329,3 +331,17 @@ def setting_names(*holders: type) -> tuple[str, ...]:
     """The names of the settings that classes inherit."""
     groups = [group for group in GROUPS if any(issubclass(holder, group) for holder in holders)]
     return tuple(name for group in groups for name in group.__annotations__)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The tolerance and other settings of a scene, an operator or a record, by their names, all numbers as typed."""
+
+    values: dict[str, Any]
+
+    @classmethod
+    def of(cls, holder: Any, names: Iterable[str] = ()) -> Self:
+        """The tolerance, its mode, whether modifiers count, and the settings of these names."""
+        is_scene = hasattr(holder, "relative_tolerance")
+        tolerance = scene_tolerance(holder) if is_scene else shortest_decimal(holder.tolerance)
+        return cls({"tolerance": tolerance, **typed_values(holder, (*ToleranceProperties.__annotations__, *names))})

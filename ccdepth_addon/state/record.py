@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""The record on the mesh: the outcomes of computations and measurements, and their inputs."""
+"""The record on the mesh: the outcomes of computations and measurements, and their inputs; and the registration of all
+our data, on scenes, meshes and objects, as ``ccdepth``."""
 
 import bpy
 from bpy.props import (
@@ -12,6 +13,9 @@ from bpy.props import (
     PointerProperty,
     StringProperty,
 )
+
+from .result_record import AppliedModifier, ResultRecord, SourceMaterial
+from .settings import SceneSettings
 
 
 class DepthRow(bpy.types.PropertyGroup):
@@ -47,7 +51,9 @@ class Measurement(Inputs, bpy.types.PropertyGroup):
     """A measurement on this mesh: inputs, verdict and worst place."""
 
     measured: StringProperty(description="The name of the measured object at the time")
-    against: StringProperty(description="The name of the object with the limit surface at the time")
+    against: StringProperty(
+        description="The name of the object with the limit surface at the time; empty for the measured object itself"
+    )
     verdict: StringProperty(description="Whether the tolerance is met: MET, NOT_MET or UNDECIDED")
     accuracy: FloatProperty(description="The accuracy as it was given")
     accuracy_met: BoolProperty(description="Whether the two distances are within the accuracy of each other")
@@ -120,3 +126,23 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
         description="The largest angle found at samples between the shading and the limit surface", subtype="ANGLE"
     )
     measurement: PointerProperty(type=Measurement)
+
+
+HOLDERS = {"Scene": SceneSettings, "Mesh": MeshRecord, "Object": ResultRecord}
+
+# Groups held by other groups come first.
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (DepthRow, Contributor, Measurement, AppliedModifier, SourceMaterial, *HOLDERS.values())
+)
+
+
+def register() -> None:
+    _register_classes()
+    for holder, group in HOLDERS.items():
+        getattr(bpy.types, holder).ccdepth = PointerProperty(type=group)
+
+
+def unregister() -> None:
+    for holder in HOLDERS:
+        del getattr(bpy.types, holder).ccdepth
+    _unregister_classes()

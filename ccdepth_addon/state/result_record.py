@@ -6,16 +6,15 @@ mesh have no record."""
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..exchange.dependencies import compared, object_state
-from ..exchange.mesh_arrays import content_checksum
+from ..exchange.mesh_arrays import content_checksum, own_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers
-from ..tasks.surfaces import shortest_decimal
 from . import properties
+from .properties import Settings
 
 # Settings without effect when triangles are merged.
 WITHOUT_REDUCE = {"mode"}
@@ -50,6 +49,7 @@ class ResultRecord(
     source_left_render: BoolProperty(description="Whether the source was taken out of the render as it was hidden")
     tolerance: FloatProperty(description="The tolerance as it was given")
     applied: CollectionProperty(type=AppliedModifier)
+    is_measured: BoolProperty(description="Whether this object was measured, among the objects that use its mesh")
     # Not on the mesh: Blender 5.0 leaves pointers of meshes to objects that are gone, and crashes.
     measured_against: PointerProperty(
         type=bpy.types.Object, description="The object with the limit surface of the measurement"
@@ -88,23 +88,16 @@ def results_of(source: bpy.types.Object) -> list[bpy.types.Object]:
     return [each for each in bpy.data.objects if each.type == "MESH" and each.ccdepth.source == source != each]
 
 
-def made_with(holder: Any, tolerance: float) -> dict[str, Any]:
-    """The tolerance as typed, and the other settings that an operator, a scene or a record holds, by their names."""
-    return {"tolerance": shortest_decimal(tolerance), **{name: getattr(holder, name) for name in SETTINGS}}
-
-
 def settings_have_changed(result: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
     """Whether the scene's settings differ from the settings of the result."""
-    record = result.ccdepth
-    made, now = made_with(record, record.tolerance), made_with(settings, properties.scene_tolerance(settings))
-    unread = WITHOUT_REDUCE if record.reduce and settings.reduce else set()
-    return any(made[name] != now[name] for name in made.keys() - unread)
+    names = [name for name in SETTINGS if name not in WITHOUT_REDUCE or not (settings.reduce and result.ccdepth.reduce)]
+    return Settings.of(result.ccdepth, names) != Settings.of(settings, names)
 
 
 def remember(
     result: bpy.types.Object,
     source: bpy.types.Object,
-    settings: dict[str, Any],
+    settings: Settings,
     materials: Iterable[bpy.types.Material | None],
     checksum: str,
 ) -> None:
@@ -113,7 +106,7 @@ def remember(
     record = result.ccdepth
     record.source, record.source_name = source, source.name
     record.source_is_adaptive = is_adaptive(source)
-    for name, value in settings.items():
+    for name, value in settings.values.items():
         setattr(record, name, value)
     record.source_checksum = checksum
     record.mesh_checksum = f"{content_checksum(result.data):08x}"
@@ -133,7 +126,7 @@ def forget(blender_object: bpy.types.Object) -> None:
 def source_checksum(source: bpy.types.Object, *, use_modifiers: bool) -> str:
     """A checksum of everything in a source that shapes its results, without materials, and without weights read by no
     modifier; not in Edit Mode."""
-    content = content_checksum(source.data)
+    content = own_checksum(source, content_checksum)
     return f"{content:08x}-{object_state(source, use_modifiers=use_modifiers).checksum}"
 
 
@@ -146,7 +139,7 @@ def source_is_same(result: bpy.types.Object, source: bpy.types.Object) -> bool |
 
 def is_edited(result: bpy.types.Object) -> bool:
     """Whether the result's mesh, outside Edit Mode, has changed since it was made."""
-    return f"{content_checksum(result.data):08x}" != result.ccdepth.mesh_checksum
+    return f"{own_checksum(result, content_checksum):08x}" != result.ccdepth.mesh_checksum
 
 
 def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_modifiers: bool) -> str | None:

@@ -5,13 +5,13 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from . import known, properties, result_record, viewports
+from . import known, properties, result_record, watch
 
 MODES = tuple(mode for mode, *_ in properties.TOLERANCE_MODES)
 
 
 def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    viewports.redraw(context)
+    watch.redraw(context)
 
 
 def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:

@@ -15,7 +15,7 @@ from ..exchange.dependencies import ObjectState, compared, object_state, shown_c
 from ..exchange.displayed_mesh import shown_modifiers
 from ..exchange.evaluated import is_placed
 from ..exchange.face_values import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
-from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_mesh
+from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_checksum
 from . import mesh_values
 
 # The change since a measurement that depends on other data, of which nothing is known from before the file was opened.
@@ -38,6 +38,10 @@ class Examination(NamedTuple):
     has_changed: bool
     uncovered: list[bpy.types.Object]
     is_unchecked: bool = False
+
+
+# Of depths that cannot be examined.
+STALE = Examination(True, [])
 
 
 class MeasuredState(NamedTuple):
@@ -75,8 +79,7 @@ def _cell(scale: FloatArray) -> tuple[float, ...]:
 
 def mesh_checksum(blender_object: bpy.types.Object) -> str:
     """A checksum of the object's own mesh, as far as its surface depends on it, and of the depths."""
-    with own_mesh(blender_object) as mesh:
-        return _with_values(geometry_checksum(mesh), mesh, DEPTH_KIND)
+    return _with_values(own_checksum(blender_object, geometry_checksum), blender_object.data, DEPTH_KIND)
 
 
 def _with_values(geometry: int, mesh: bpy.types.Mesh, kind: AttributeKind) -> str:
@@ -144,31 +147,36 @@ def measured_state(measured: bpy.types.Object, target: bpy.types.Object, *, use_
         object_state(target, use_modifiers=use_modifiers).checksum,
     ]
     if target != measured:
-        with own_mesh(target) as mesh:
-            others.append(f"{geometry_checksum(mesh):08x}")
-    with own_mesh(measured) as mesh:
-        return MeasuredState(geometry_checksum(mesh), others, _placement(measured, target))
+        others.append(f"{own_checksum(target, geometry_checksum):08x}")
+    return MeasuredState(own_checksum(measured, geometry_checksum), others, _placement(measured, target))
 
 
 def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object, state: MeasuredState) -> None:
     """Write the inputs of a new measurement, as they were read, to the records of the object and of its mesh."""
     found = measured.data.ccdepth.measurement
+    forget_measured(measured.data)
+    measured.ccdepth.is_measured = True
     measured.ccdepth.measured_against = None if target == measured else target
     found.fingerprint = " ".join(_checksums(measured, state))
     found.placement = state.placement
 
 
+def forget_measured(mesh: bpy.types.Mesh) -> None:
+    """Forget which objects with this mesh were measured, and against which others."""
+    for each in bpy.data.objects:
+        if each.data == mesh and each.ccdepth.is_measured and each.is_editable:
+            each.ccdepth.is_measured, each.ccdepth.measured_against = False, None
+
+
 def measured_object(holder: bpy.types.Object) -> bpy.types.Object:
-    """The measured object among the objects that use the holder's mesh: by its name, or the holder itself if the object
-    was renamed."""
-    named = bpy.data.objects.get(holder.data.ccdepth.measurement.measured)
-    return holder if named is None or named.data != holder.data else named
+    """The measured object among the objects that use the holder's mesh; the holder itself if that object is gone."""
+    users = [holder, *bpy.data.objects]
+    return next((each for each in users if each.data == holder.data and each.ccdepth.is_measured), holder)
 
 
 def is_own(mesh: bpy.types.Mesh) -> bool:
     """Whether the object was measured against its own limit surface."""
-    found = mesh.ccdepth.measurement
-    return bool(found.measured == found.against)
+    return not mesh.ccdepth.measurement.against
 
 
 def target_of(measured: bpy.types.Object) -> bpy.types.Object | None:
@@ -196,9 +204,9 @@ def measured_to_show(context: bpy.types.Context) -> bpy.types.Object | None:
 
 def change_since_measured(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> str:
     """The change since the measurement on the mesh; empty where the measurement holds for the measured object. If the
-    measured object was renamed, any user of the mesh stands for it."""
-    named = [each for each in users if each.name == mesh.ccdepth.measurement.measured]
-    changes = [_change_for(each) for each in named or users]
+    measured object is gone, any user of the mesh stands for it."""
+    measured = [each for each in users if each.ccdepth.is_measured]
+    changes = [_change_for(each) for each in measured or users]
     # The empty one comes first.
     return min(changes, default=f"“{mesh.name}” changed")
 
@@ -228,8 +236,7 @@ def _change_for(measured: bpy.types.Object) -> str:
 
 def _checksums(measured: bpy.types.Object, state: MeasuredState) -> list[str]:
     """Two checksums of the measured object, with its deviations, and one or two of the other object."""
-    with own_mesh(measured) as mesh:
-        return [_with_values(state.geometry, mesh, DEVIATION_KIND), *state.others]
+    return [_with_values(state.geometry, measured.data, DEVIATION_KIND), *state.others]
 
 
 def _placement(measured: bpy.types.Object, against: bpy.types.Object) -> FloatArray:

@@ -16,7 +16,15 @@ from bpy.app.handlers import persistent
 
 from ..exchange.changes import note_changes
 from ..registration import add_handlers, call_soon, do_not_call, is_of_window, remove_handlers
-from . import viewports
+
+
+def redraw(context: bpy.types.Context) -> None:
+    """Redraw every 3D View, with its sidebar."""
+    manager = context.window_manager
+    for window in manager.windows if manager else ():
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
 
 
 def _nothing(*_: Any) -> bool:
@@ -52,7 +60,7 @@ def examine() -> None:
     """Examine everything that was noted now."""
     answers = [client.examine() for client in clients]
     if any(answers):
-        viewports.redraw(bpy.context)
+        redraw(bpy.context)
 
 
 def _tell(answers: list[object]) -> None:

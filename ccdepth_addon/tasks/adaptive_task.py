@@ -29,6 +29,7 @@ from ..core import (
 from ..exchange.blender_arrays import read_values
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh, gram_matrix
 from ..exchange.custom_normals import smooth_faces
+from ..exchange.data_blocks import Identity
 from ..exchange.evaluated import Evaluated, evaluated, in_batches
 from ..exchange.modifiers import base_modifiers, subdivision_modifier
 from .surfaces import (
@@ -75,12 +76,12 @@ class AdaptiveSettings(SurfaceSettings):
 
 
 class Target(NamedTuple):
-    """The object that gets a result. user: its name. source: the name of the object to make the result from, with its
-    library; the same object, unless results are made anew. tolerance: in the place of its user, a length in the
+    """The object that gets a result. source: the object to make the result from; the same object, unless results are
+    made anew. tolerance: in the place of its user, a length in the
     scene. scale: of its user, as AᵀA (6,)."""
 
-    user: str
-    source: tuple[str, str | None]
+    user: Identity
+    source: Identity
     tolerance: float
     scale: FloatArray
 
@@ -89,14 +90,13 @@ class Target(NamedTuple):
 class AdaptiveTask:
     """An adaptive mesh to make, without references to Blender's data, which may move during a run.
 
-    targets: the objects that get it, first the object it is made for. mesh_uid: of the mesh of their sources.
+    targets: the objects that get it, first the object it is made for; their sources have one mesh.
     dependencies: further data of the objects that the result depends on. surface: of the first target. allowance: the
     rounding of distances there, a length in the scene; stored: its part from storing positions. is_smooth: (F,) whether
     faces of the control mesh are shaded smooth.
     """
 
     targets: list[Target]
-    mesh_uid: int
     dependencies: tuple[Any, ...]
     surface: Surface
     allowance: float
@@ -106,7 +106,7 @@ class AdaptiveTask:
     @property
     def object_names(self) -> list[str]:
         """The names of the objects that get the result."""
-        return [target.user for target in self.targets]
+        return [target.user.name for target in self.targets]
 
     @property
     def control(self) -> ControlMesh:
@@ -190,7 +190,7 @@ def prepare_adaptive(
         bases = {each: base_modifiers(each, use_modifiers=settings.use_modifiers) for each in batch}
         with evaluated(context, bases) as copies:
             for blender_object in batch:
-                with faults.of(blender_object.name):
+                with faults.of(blender_object.session_uid):
                     tasks += _read_tasks(context, blender_object, users_of[blender_object], settings, shared, copies)
     faults.refuse()
     return _united(tasks, settings)
@@ -202,7 +202,8 @@ def _united(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> list[Adapt
     for task in tasks:
         # Another scale that is not even keeps no angles.
         shape = task.shape_of_scale if task.has_angles(settings) else None
-        alike.setdefault((task.mesh_uid, task.dependencies, task.surface.control.key, shape), []).append(task)
+        key = task.targets[0].source.mesh_uid, task.dependencies, task.surface.control.key, shape
+        alike.setdefault(key, []).append(task)
     kept: set[int] = set()
     for group in alike.values():
         for better, dominated in surfaces_covering_others([task.surface for task in group]).items():
@@ -242,22 +243,21 @@ def _task(
     number of roundings of each; is_smooth: (F,) of the control mesh."""
     if user != blender_object:
         control = replace(control, world=np.array(user.matrix_world, dtype=np.float64)[:3, :3])
-    surface = surface_of(user.name, control, settings)
+    surface = surface_of(user, control, settings)
     in_world = control.in_world
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
     allowance = rounding_allowance(in_world) + stored
-    source = blender_object.name, None if blender_object.library is None else blender_object.library.filepath
     dependencies = (
         getattr(subdivision_modifier(blender_object), "uv_smooth", None),
         # Modifiers may give each object's mesh other attributes.
-        blender_object.name if base_modifiers(blender_object, use_modifiers=settings.use_modifiers) else "",
+        blender_object.session_uid if base_modifiers(blender_object, use_modifiers=settings.use_modifiers) else 0,
         # Results that do not share a mesh stay apart.
         None if user == blender_object else user.data.session_uid,
     )
+    scale = gram_matrix(control.world)[np.triu_indices(3)]
     task = AdaptiveTask(
-        targets=[Target(user.name, source, surface.tolerance, gram_matrix(control.world)[np.triu_indices(3)])],
-        mesh_uid=blender_object.data.session_uid,
+        targets=[Target(surface.holder, Identity.of(blender_object), surface.tolerance, scale)],
         dependencies=dependencies,
         surface=surface,
         allowance=allowance,

@@ -29,6 +29,7 @@ from ..core import (
     worst_pose,
 )
 from ..exchange.control_mesh import ControlMeshError, SharedMeshes, read_control_mesh
+from ..exchange.data_blocks import Identity
 from ..exchange.dependencies import ObjectState, object_state
 from ..exchange.evaluated import evaluated, in_batches
 from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
@@ -64,14 +65,14 @@ class DepthSettings(SurfaceSettings):
 class MeshTask:
     """The computation for one mesh, without references to Blender's data, which may move during a run.
 
-    geometry: the checksum of the mesh; states: of its objects, when read. read: the surfaces of the objects, on each
+    geometry: the checksum of the mesh; holders: its objects; states: of them, when read. read: their surfaces, on each
     frame; groups: once decided, the surfaces that no other dominates.
     """
 
     mesh_uid: int
     face_count: int
     geometry: int
-    object_names: list[str] = field(default_factory=list)
+    holders: list[Identity] = field(default_factory=list)
     states: list[ObjectState] = field(default_factory=list)
     read: list[DepthRequest] = field(default_factory=list)
     groups: list[PoseGroup] = field(default_factory=list)
@@ -98,12 +99,14 @@ class MeshTask:
 @dataclass(frozen=True)
 class DepthWork:
     """The data read, and the settings to compute with. tasks: by the session identifiers of the meshes. faults: the
-    objects at fault so far. arrays: of control meshes over frames."""
+    objects at fault so far. arrays: of control meshes over frames. seen: by the session identifiers of objects, their
+    meshes and numbers of faces."""
 
     settings: DepthSettings
     faults: Faults
     tasks: dict[int, MeshTask] = field(default_factory=dict)
     arrays: dict[bytes, Any] = field(default_factory=dict)
+    seen: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def decide(self) -> None:
         """Decide which surfaces are measured, and check them. Raises ComputeError, naming every object at fault."""
@@ -112,7 +115,7 @@ class DepthWork:
             for group in task.groups:
                 for number, request in enumerate(group.requests):
                     check = check_pose if number else check_input
-                    with self.faults.of(request.surface.object_name, request.frame):
+                    with self.faults.of(request.surface.holder.uid, request.frame):
                         check(request.surface.control.in_world, request.surface.tolerance)
         self.faults.refuse()
 
@@ -199,14 +202,14 @@ def _read_objects(
         counted = {each: counted_modifiers(each, use_modifiers=use_modifiers) for each in batch}
         with evaluated(context, counted) as copies:
             for each in batch:
-                with work.faults.of(each.name, frame):
+                with work.faults.of(each.session_uid, frame):
                     control = read_control_mesh(
                         context, each, use_modifiers=use_modifiers, shared=shared, copies=copies
                     )
                     if frame is not None:
                         control = control.with_known_arrays(work.arrays)
-                    task = _task_of(each, work.tasks)
-                    surface = surface_of(each.name, control, settings)
+                    task = _task_of(each, work)
+                    surface = surface_of(each, control, settings)
                     task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
                     task.states.append(_state(each, settings, frame))
 
@@ -217,20 +220,18 @@ def _state(blender_object: bpy.types.Object, settings: DepthSettings, frame: int
     return replace(state, frame=frame)
 
 
-def _task_of(blender_object: bpy.types.Object, tasks: dict[int, MeshTask]) -> MeshTask:
+def _task_of(blender_object: bpy.types.Object, work: DepthWork) -> MeshTask:
     """The task of the object's mesh. Raises ControlMeshError when the object had another mesh on an earlier frame."""
-    mesh = blender_object.data
-    for task in tasks.values():
-        if blender_object.name in task.object_names and (
-            task.mesh_uid != mesh.session_uid or task.face_count != mesh_face_count(mesh)
-        ):
-            raise ControlMeshError("its mesh changes over the frames, so its faces have no common depths")
-    if mesh.session_uid not in tasks:
+    holder, count = Identity.of(blender_object), mesh_face_count(blender_object.data)
+    is_new = holder.uid not in work.seen
+    if work.seen.setdefault(holder.uid, (holder.mesh_uid, count)) != (holder.mesh_uid, count):
+        raise ControlMeshError("its mesh changes over the frames, so its faces have no common depths")
+    if holder.mesh_uid not in work.tasks:
         with own_mesh(blender_object) as own:
-            tasks[mesh.session_uid] = MeshTask(mesh.session_uid, len(own.polygons), geometry_checksum(own))
-    task = tasks[mesh.session_uid]
-    if blender_object.name not in task.object_names:
-        task.object_names.append(blender_object.name)
+            work.tasks[holder.mesh_uid] = MeshTask(holder.mesh_uid, len(own.polygons), geometry_checksum(own))
+    task = work.tasks[holder.mesh_uid]
+    if is_new:
+        task.holders.append(holder)
     return task
 
 
@@ -288,7 +289,7 @@ def _answer(task: MeshTask, found: list[PoseDepths], level: int, worst_frame: in
     """The findings for the groups, for the faces of the mesh."""
     bounds = np.zeros(task.face_count)
     exact, might_need_less, present = np.zeros((3, task.face_count), dtype=bool)
-    added: dict[str, int] = {}
+    added: dict[int, int] = {}
     added_deepest = 0
     for group, each in zip(task.groups, found, strict=True):
         faces, known = group.origins
@@ -297,8 +298,8 @@ def _answer(task: MeshTask, found: list[PoseDepths], level: int, worst_frame: in
         exact[faces[each.exact[known]]] = True
         might_need_less[faces[each.might_need_less[known]]] = True
         present[faces] = True
-        for name in {request.surface.object_name for request in group.requests}:
-            added[name] = max(added.get(name, 0), int(np.count_nonzero(~known)))
+        for uid in {request.surface.holder.uid for request in group.requests}:
+            added[uid] = max(added.get(uid, 0), int(np.count_nonzero(~known)))
         added_deepest = max(added_deepest, int(each.depths[~known].max(initial=0)))
     return MeshDepths(
         task=task,

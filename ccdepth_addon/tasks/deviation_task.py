@@ -27,6 +27,7 @@ from ..core import (
     validate,
 )
 from ..exchange.control_mesh import ControlMeshError, read_control_mesh
+from ..exchange.data_blocks import Identity
 from ..exchange.displayed_mesh import ShownMesh, read_shown_mesh
 from ..exchange.evaluated import NO_ORIGIN, is_placed
 from ..exchange.mesh_arrays import mesh_face_count
@@ -52,10 +53,13 @@ class MeasureSettings(SurfaceSettings):
 class Measured:
     """An object to measure, without references to Blender's data, which may move during a run."""
 
-    object_name: str
-    mesh_uid: int
+    holder: Identity
     face_count: int
     shown: ShownMesh
+
+    @property
+    def object_name(self) -> str:
+        return self.holder.name
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ def verdict_of(proved: float, reached: float, tolerance: float) -> Verdict:
 class MeshDeviation:
     """The answer for one mesh; distances are lengths in the scene.
 
-    object_names: the measured objects of the mesh, the worst first. against: the object of the limit surface.
+    holders: the measured objects of the mesh, the worst first. against: the object of the limit surface.
     tolerance: as a length. deviations: (F,) float64, proved for each face of the mesh; 0 for a face without shown
     parts. proved: for the whole, with the surface itself and faces added by modifiers. reached: a distance really
     there. out_of_time: whether the time limit ended the measurement. worst_face: the face of the reached distance, or
@@ -96,9 +100,8 @@ class MeshDeviation:
     between triangles, and between their shading, and the limit surface, in radians; None without normals.
     """
 
-    mesh_uid: int
-    object_names: list[str]
-    against: str
+    holders: list[Identity]
+    against: Identity
     tolerance: float
     deviations: FloatArray
     proved: float
@@ -112,7 +115,8 @@ class MeshDeviation:
 
     @property
     def measured(self) -> str:
-        return self.object_names[0]
+        """The name of the worst object."""
+        return self.holders[0].name
 
     @property
     def verdict(self) -> Verdict:
@@ -132,16 +136,16 @@ def prepare_measurement(
     _refuse_bad_settings(settings)
     own = objects == [target]
     faults = Faults(objects if own else [target, *objects])
-    with faults.of(target.name):
+    with faults.of(target.session_uid):
         task = _read_target(context, target, settings, own=own)
     measured = []
     for blender_object in objects:
-        with faults.of(blender_object.name):
+        with faults.of(blender_object.session_uid):
             if own:
                 _refuse_adaptive_mesh(blender_object)
-            mesh = blender_object.data
             shown = read_shown_mesh(context, blender_object)
-            measured.append(Measured(blender_object.name, mesh.session_uid, mesh_face_count(mesh), shown))
+            count = mesh_face_count(blender_object.data)
+            measured.append(Measured(Identity.of(blender_object), count, shown))
     faults.refuse()
     return replace(task, measured=measured)
 
@@ -158,7 +162,7 @@ def prepare_targets(
     faults = Faults(targets)
     tasks = []
     for target in targets:
-        with faults.of(target.name):
+        with faults.of(target.session_uid):
             tasks.append(_read_target(context, target, settings, own=False))
     faults.refuse()
     return tasks
@@ -171,7 +175,7 @@ def _read_target(
         raise ControlMeshError(f"{NOT_PLACED}, so its place in the scene is not known; show it first")
     control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
     validate(control.in_world)
-    surface = surface_of(target.name, control, settings)
+    surface = surface_of(target, control, settings)
     place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
     return MeasureTask(surface, place[:3, 3], own, [])
 
@@ -208,8 +212,8 @@ def measure(
         share = 1 / len(task.measured)
         part = part_of(progress, index * share, share)
         answer = _measure_one(task, measured, settings, left, part, is_tolerance_enough)
-        known = answers.get(measured.mesh_uid)
-        answers[measured.mesh_uid] = answer if known is None else _joined(known, answer)
+        known = answers.get(measured.holder.mesh_uid)
+        answers[measured.holder.mesh_uid] = answer if known is None else _joined(known, answer)
     return list(answers.values())
 
 
@@ -242,9 +246,8 @@ def _measure_one(
         faces = np.arange(measured.face_count) if control.base_faces is None else control.base_faces
         sources.append((faces, found.face_bounds))
     return MeshDeviation(
-        mesh_uid=measured.mesh_uid,
-        object_names=[measured.object_name],
-        against=task.surface.object_name,
+        holders=[measured.holder],
+        against=task.surface.holder,
         tolerance=task.surface.tolerance,
         deviations=_largest_of_faces(measured.face_count, sources, rounding),
         proved=found.proved + rounding,
@@ -292,7 +295,7 @@ def _joined(one: MeshDeviation, other: MeshDeviation) -> MeshDeviation:
     worst, better = (one, other) if one.reached >= other.reached else (other, one)
     return replace(
         worst,
-        object_names=worst.object_names + better.object_names,
+        holders=worst.holders + better.holders,
         deviations=np.maximum(one.deviations, other.deviations),
         proved=max(one.proved, other.proved),
         accuracy_met=one.accuracy_met and other.accuracy_met,

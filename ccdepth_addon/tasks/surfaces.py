@@ -15,6 +15,7 @@ import numpy as np
 from ..core import FloatArray, InvalidMeshError, ToleranceError
 from ..exchange.blender_arrays import WriteError
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
+from ..exchange.data_blocks import Identity
 
 # Relative slack for rounding when one object's scale is compared with another's.
 SCALE_ROUNDING = 1e-9
@@ -33,10 +34,10 @@ TOO_LARGE = "The tolerance is too large a number"
 class ComputeError(ValueError):
     """The error of an impossible computation; the message names every object at fault in a modeller's words.
 
-    faces_at_fault: by the names of objects, the number of faces whose removal would remove the fault.
+    faces_at_fault: by the session identifiers of meshes, the number of faces whose removal would remove the fault.
     """
 
-    def __init__(self, message: str, faces_at_fault: Mapping[str, int] | None = None) -> None:
+    def __init__(self, message: str, faces_at_fault: Mapping[int, int] | None = None) -> None:
         super().__init__(message)
         self.faces_at_fault = faces_at_fault or {}
 
@@ -62,9 +63,13 @@ class SurfaceSettings:
 class Surface:
     """A control mesh with its object's matrix, and the tolerance there, as a length in the scene."""
 
-    object_name: str
+    holder: Identity
     control: ControlMesh
     tolerance: float
+
+    @property
+    def object_name(self) -> str:
+        return self.holder.name
 
     def scaled_gram(self) -> FloatArray:
         """(3, 3): the Gram matrix of the object's linear part, in units of the tolerance."""
@@ -88,33 +93,32 @@ class Faults:
     """The objects at fault, and why."""
 
     def __init__(self, objects: Sequence[bpy.types.Object]) -> None:
-        self._names = [blender_object.name for blender_object in objects]
-        self._found: dict[str, ValueError] = {}
-        self._frames: dict[str, int | None] = {}
+        self._holders = {each.session_uid: Identity.of(each) for each in objects}
+        self._found: dict[int, tuple[int | None, ValueError]] = {}
 
     @contextmanager
-    def of(self, name: str, frame: int | None = None) -> Iterator[None]:
-        """Note errors that are raised in this context for the object, on a frame or without any: the last one of the
-        first frame that has any."""
+    def of(self, uid: int, frame: int | None = None) -> Iterator[None]:
+        """Note errors that are raised in this context for the object with this session identifier, on a frame or
+        without any: the last one of the first frame that has any."""
         try:
             yield
         except OBJECT_FAULTS as fault:
-            if self._frames.setdefault(name, frame) == frame:
-                self._found[name] = fault
+            if self._found.get(uid, (frame,))[0] == frame:
+                self._found[uid] = frame, fault
 
     def refuse(self) -> None:
         """Raise ComputeError if there are any, naming every object at fault in the order they were given."""
-        if not self._found:
-            return
-        named = [(name, self._found[name]) for name in self._names if name in self._found]
+        named = [(each, *self._found[uid]) for uid, each in self._holders.items() if uid in self._found]
         invalid = {
-            name: len(fault.faces) for name, fault in named if isinstance(fault, InvalidMeshError) and len(fault.faces)
+            each.mesh_uid: len(fault.faces)
+            for each, _, fault in named
+            if isinstance(fault, InvalidMeshError) and len(fault.faces)
         }
-        raise ComputeError("\n".join(f"{self._text(name)}: {fault}" for name, fault in named), invalid)
-
-    def _text(self, name: str) -> str:
-        frame = self._frames[name]
-        return name if frame is None else f"{name}, on frame {frame}"
+        texts = [
+            f"{each.name}{'' if frame is None else f', on frame {frame}'}: {fault}" for each, frame, fault in named
+        ]
+        if texts:
+            raise ComputeError("\n".join(texts), invalid)
 
 
 def typed_values(holder: Any, names: Iterable[str]) -> dict[str, Any]:
@@ -144,10 +148,10 @@ def refuse_bad_angles(*angles: float) -> None:
         raise ComputeError("An angle must be 0° or more, and less than 90°")
 
 
-def surface_of(object_name: str, control: ControlMesh, settings: SurfaceSettings) -> Surface:
+def surface_of(blender_object: bpy.types.Object, control: ControlMesh, settings: SurfaceSettings) -> Surface:
     """The surface of an object, with the tolerance as a length."""
     relative = settings.tolerance_mode == "RELATIVE"
-    return Surface(object_name, control, settings.tolerance * (control.diagonal() if relative else 1.0))
+    return Surface(Identity.of(blender_object), control, settings.tolerance * (control.diagonal() if relative else 1.0))
 
 
 # Meshes without extent or with positions that are not finite are refused later.

@@ -8,9 +8,8 @@ import bpy
 from ..exchange.modifiers import has_own_keys
 from ..state import known, out_of_date, result_record
 from ..state.chosen import chosen
-from .facts import angles_fact, count_fact, draw_facts, facts_of, short_count
+from .facts import angles_fact, count_fact, draw_facts, facts_of, made_objects, short_count
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
-from .selected_objects import made_objects
 from .sidebar import SidebarPanel, draw_alert, settings_column
 
 
@@ -42,7 +41,8 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             layout.operator("ccdepth.update", icon="FILE_REFRESH")
         _draw_face_count(layout, context)
         budget = layout.column(align=True)
-        budget.prop(settings, "face_budget")
+        # What Reduce saves is known once it has run.
+        budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
         budget.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
         column = settings_column(layout)
         output = column.column()

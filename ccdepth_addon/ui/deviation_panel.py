@@ -7,7 +7,7 @@ import bpy
 
 from ..state import mesh_values, out_of_date
 from ..state.chosen import chosen, to_measure
-from ..state.properties import tolerance_name
+from ..state.properties import Settings
 from ..state.still_holds import UNCHECKED, measured_to_show
 from ..tasks.surfaces import ComputeError
 from .facts import draw_facts, facts_of_measurement
@@ -96,12 +96,10 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     """The reason why the measurement is out of date; empty where the measurement holds."""
-    if change := out_of_date.change_since_measured(mesh):
+    if change := out_of_date.noted(mesh).change:
         return NOT_CHECKED if change == UNCHECKED else f"Out of date: {change}"
-    found, name = mesh.ccdepth.measurement, tolerance_name(settings.tolerance_mode)
-    current = (getattr(settings, name), settings.tolerance_mode, settings.accuracy, settings.use_modifiers)
-    measured = (found.tolerance, found.tolerance_mode, found.accuracy, found.use_modifiers)
-    return "" if current == measured else "Out of date: settings changed"
+    is_same = Settings.of(settings, ["accuracy"]) == Settings.of(mesh.ccdepth.measurement, ["accuracy"])
+    return "" if is_same else "Out of date: settings changed"
 
 
 register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_check,))

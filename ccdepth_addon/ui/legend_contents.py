@@ -12,8 +12,8 @@ import bpy
 from ..state.colors import LAST_DEPTH, depth_colors
 from ..state.heat_map import Shown, tolerance_of, top
 from . import deviation_panel, panels
+from .facts import faces_by_depth, lengths_text
 from .lengths import DEGREES, DIGITS, Rounding, enough_digits, in_unit, length_text, number_text, unit_for
-from .selected_objects import faces_by_depth, lengths_text
 
 Color = tuple[float, ...]
 

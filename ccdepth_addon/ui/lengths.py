@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lengths as text: in the scene's units, with few digits, and rounded so that bounds stay bounds."""
+"""Texts: lengths in the scene's units, with few digits, rounded so that bounds stay bounds; and names for terminals.
+
+Names may hold anything, and a terminal obeys control characters.
+"""
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterable
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from enum import Enum
@@ -138,3 +142,26 @@ def number_text(number: Decimal, rounding: Rounding = Rounding.NEAREST, digits: 
 def _metres(scene: bpy.types.Scene, length: float) -> Decimal:
     # Blender keeps the scale in single precision.
     return Decimal(str(length)) * Decimal(str(shortest_decimal(scene.unit_settings.scale_length)))
+
+
+# Controls, invisible marks that reorder text, halves of characters, and separators of lines and paragraphs.
+ESCAPED_CATEGORIES = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+
+# The characters that join the parts of letters and pictures.
+JOINERS = {"\u200c", "\u200d"}
+
+
+def printable(text: str) -> str:
+    """The text with every control character as its escape sequence in Python."""
+    return "".join(map(_printable, text))
+
+
+def printable_lines(text: str) -> str:
+    """A text of several lines with every control character in a line as its escape sequence."""
+    return "\n".join(map(printable, text.split("\n")))
+
+
+def _printable(character: str) -> str:
+    if unicodedata.category(character) not in ESCAPED_CATEGORIES or character in JOINERS:
+        return character
+    return character.encode("unicode_escape", errors="backslashreplace").decode()

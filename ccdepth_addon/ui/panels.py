@@ -14,14 +14,12 @@ from ..exchange.modifiers import OF_OBJECT
 from ..state import known, out_of_date, result_record
 from ..state.colors import depth_colors
 from ..state.mesh_values import too_deep
-from ..state.properties import tolerance_name
+from ..state.properties import Settings
 from ..tasks.frames import chosen_frames
-from .facts import count_fact, draw_facts, facts_of, share_text, totals
+from .facts import count_fact, draw_facts, faces_by_depth, facts_of, refused_objects, share_text, totals, with_depths
 from .manual import draw_manual_button
-from .selected_objects import faces_by_depth, refused_objects, with_depths
 from .sidebar import SidebarPanel, draw_alert, settings_column
-from .tolerance_presets import CCDEPTH_PT_tolerance_presets
-from .tolerance_text import tolerance_text
+from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
 
 SWATCH_SIZE = 16
 
@@ -163,23 +161,21 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
     """The reason why the depths are out of date, or do not hold for an object that uses the mesh; empty where they
     hold."""
     record = mesh.ccdepth
-    is_uncovered = holder is not None and out_of_date.is_uncovered(holder)
-    if out_of_date.is_stale(mesh):
+    note, is_uncovered = out_of_date.noted(mesh), holder is not None and out_of_date.noted(holder).is_uncovered
+    if note.is_stale:
         has_source = record.subdivision and holder is not None and result_record.source_of(holder) is not None
         return RESULT_EDITED if has_source and not is_uncovered else f"Out of date: mesh “{mesh.name}” changed"
     if is_uncovered:
         return "Not computed for this object"
-    if out_of_date.is_unchecked(mesh):
+    if note.is_unchecked:
         return NOT_CHECKED
     if record.subdivision:
         return "" if holder is None else _changed_since_made(settings, holder)
     frames = chosen_frames(settings.id_data, settings.frames, settings.frame_list)
     # Depths by another method hold, and so do depths for named vertices if the scene names none.
     vertices = record.vertices if settings.vertices == OF_OBJECT else settings.vertices
-    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
-    current = (tolerance, settings.tolerance_mode, settings.use_modifiers, vertices, frames)
-    computed = (record.tolerance, record.tolerance_mode, record.use_modifiers, record.vertices, record.frames)
-    return "" if current == computed else "Out of date: settings changed"
+    is_same = (vertices, frames) == (record.vertices, record.frames) and Settings.of(settings) == Settings.of(record)
+    return "" if is_same else "Out of date: settings changed"
 
 
 def result_line(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
@@ -194,9 +190,10 @@ def _changed_since_made(settings: bpy.types.PropertyGroup, result: bpy.types.Obj
     """The reason in the source or the settings; a result without a source holds for its own settings."""
     if result_record.source_of(result) is None:
         return ""
-    if out_of_date.source_has_changed(result):
+    note = out_of_date.noted(result)
+    if note.is_stale:
         return f"Out of date: “{result.ccdepth.source.name}” changed"
-    if out_of_date.is_unchecked(result):
+    if note.is_unchecked:
         return NOT_CHECKED
     return "Out of date: settings changed" if result_record.settings_have_changed(result, settings) else ""
 

@@ -196,7 +196,7 @@ def test_the_heat_map_shows_angles() -> None:
 
 
 def test_presets_have_angles() -> None:
-    module, settings = addon.module("ui.tolerance_presets"), bpy.context.scene.ccdepth
+    module, settings = addon.module("ui.tolerances"), bpy.context.scene.ccdepth
     found = {}
     for preset in module.presets(bpy.context.scene):
         shading, facets = preset.angles

@@ -167,7 +167,7 @@ def test_edit_mode_is_left_and_entered_again(output: str) -> None:
     ("operator", "module", "name"),
     [
         ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
-        ("subdivide", "operators.apply_adaptive", "place_meshes"),
+        ("subdivide", "operators.adaptive_operator", "place_meshes"),
         ("count_faces", "operators.count_faces", "count_text"),
     ],
 )

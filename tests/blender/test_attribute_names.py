@@ -229,8 +229,8 @@ def test_attributes_that_have_taken_our_names_are_named_and_kept(other: tuple[st
     holder.data.attributes.remove(holder.data.attributes[other[0]])
     values = add(holder, *other)
     with addon.edit_mode(holder, editing=editing):
-        addon.module("state.out_of_date").touch(holder.data)
-        addon.module("state.watch").examine()
+        holder.update_tag()
+        addon.examine_touched()
         for operator in (bpy.ops.ccdepth.select, bpy.ops.ccdepth.set_levels):
             if operator.poll():
                 operator()

@@ -1,12 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clear leaves a mesh as it was; Select by Depth finds the faces of a depth in both modes; what a user chose stays.
-
-Every operator that changes something is one step of undo. What is undone can be done anew, with other settings as well,
-as Adjust Last Operation does it.
-"""
-
-from collections.abc import Callable
-from types import SimpleNamespace
+"""Clear leaves a mesh as it was; Select by Depth finds the faces of a depth in both modes; what a user chose stays."""
 
 import bpy
 import numpy as np
@@ -16,8 +9,6 @@ from tests import meshes
 from tests.blender import addon, scene, snapshot
 from tests.blender.full_mesh import DOMAINS
 from tests.blender.subdividing import refuses
-from tests.blender.test_refusals import with_repeated_vertices
-from tests.blender.updating import made_result
 
 pytestmark = pytest.mark.every_blender
 
@@ -216,104 +207,3 @@ def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: b
     edited.hide_set(False)
     bpy.context.view_layer.objects.active = edited
     bpy.ops.object.mode_set(mode="OBJECT")
-
-
-def test_no_operator_that_can_take_long_is_run_again_by_adjust_last_operation() -> None:
-    """With it, Blender runs all of an operator at once, and Esc is not heard."""
-    long = addon.module("operators.long_operator").LongOperator
-    found = {name: getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CCDEPTH_OT_")}
-    options = {name: kind.bl_options for name, kind in found.items() if issubclass(kind, long)}
-    assert len(options) > 5
-    assert not [name for name, each in options.items() if "REGISTER" in each]
-    assert [name for name, each in options.items() if "UNDO" not in each] == ["CCDEPTH_OT_count_faces"]
-
-
-def test_other_shortcuts_than_save_do_not_save() -> None:
-    asks = addon.module("operators.long_operator").asks_to_save
-    keys = ("type", "value", "ctrl", "oskey", "shift", "alt")
-    for event, wanted in (
-        (("S", "PRESS", True, False, False, False), True),
-        (("S", "PRESS", False, True, False, False), True),
-        (("S", "PRESS", True, False, True, False), False),
-        (("S", "PRESS", True, False, False, True), False),
-        (("S", "PRESS", False, False, False, False), False),
-        (("S", "RELEASE", True, False, False, False), False),
-    ):
-        assert asks(SimpleNamespace(**dict(zip(keys, event, strict=True)))) == wanted, event
-
-
-def computed() -> None:
-    addon.compute(scene.add_object(meshes.landscape(5, 4)), tolerance=0.1)
-
-
-def measured() -> None:
-    addon.measure(scene.add_object(meshes.creased_cube()), accuracy=0.5, time_limit=30.0)
-
-
-def edited() -> None:
-    holder = scene.add_object(meshes.landscape(5, 4))
-    scene.add_subdivision(holder, 1)
-    addon.select(holder, mode="EDIT")
-
-
-def moving() -> None:
-    holder = scene.add_object(meshes.landscape(4, 4))
-    scene.animate(holder, "scale", {1: (1.0, 1.0, 1.0), 8: (1.0, 1.0, 3.0)})
-    addon.select(holder)
-    bpy.context.scene.frame_set(3)
-
-
-CASES: dict[str, tuple[Callable[[], object], str, dict[str, object]]] = {
-    "compute": (lambda: addon.select(scene.add_object(meshes.creased_cube())), "compute", {}),
-    "compute again": (computed, "compute", {"tolerance": 0.01}),
-    "compute over frames": (moving, "compute", {"frames": "CUSTOM", "frame_list": "1,8"}),
-    "measure": (measured, "measure", {"accuracy": 0.1, "time_limit": 30.0}),
-    "clear": (computed, "clear", {}),
-    "clear a measurement": (measured, "clear", {}),
-    "select by depth": (computed, "select", {}),
-    "select worst": (measured, "select_worst", {}),
-    "set levels": (computed, "set_levels", {}),
-    "subdivide": (computed, "subdivide", {"tolerance": 0.05}),
-    "subdivide in place": (computed, "subdivide", {"tolerance": 0.05, "output": "IN_PLACE"}),
-    "compute in Edit Mode": (edited, "compute", {"tolerance": 0.05}),
-    "subdivide in Edit Mode": (edited, "subdivide", {"tolerance": 0.05}),
-    "subdivide in place in Edit Mode": (edited, "subdivide", {"tolerance": 0.05, "output": "IN_PLACE"}),
-    "update": (lambda: addon.select(made_result()[1]), "update", {"tolerance": 0.003, "tolerance_mode": "ABSOLUTE"}),
-    "select invalid": (lambda: addon.select(with_repeated_vertices(0)), "select_invalid", {}),
-    "repair": (lambda: addon.select(with_repeated_vertices(0)), "repair", {}),
-}
-
-
-def state() -> snapshot.Snapshot:
-    """The whole file, and which source each object has. Blender does not undo how elements are selected."""
-    for mesh in bpy.data.meshes:
-        # What is stored once it is asked for.
-        mesh.ccdepth.measurement  # noqa: B018
-    sources = {holder.name: holder.ccdepth.source and holder.ccdepth.source.name for holder in bpy.data.objects}
-    found = {path: value for path, value in snapshot.take().items() if path[-1] != "select mode"}
-    return found | {("sources",): sources}
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_it_is_undone_and_redone(case: str) -> None:
-    prepare, operator, settings = CASES[case]
-    assert getattr(bpy.types, f"CCDEPTH_OT_{operator}").bl_options >= {"UNDO"}
-    prepare()
-    bpy.ops.ed.undo_push(message="before")
-    before = state()
-    assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, **settings) == {"FINISHED"}
-    after = state()
-    assert snapshot.differences(before, after)
-    bpy.ops.ed.undo()
-    assert snapshot.differences(before, state()) == []
-    bpy.ops.ed.redo()
-    assert snapshot.differences(after, state()) == []
-    bpy.ops.ed.undo()
-    if "tolerance" in settings:
-        assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, **settings | {"tolerance": 0.2}) == {"FINISHED"}
-        assert snapshot.differences(after, state())
-        bpy.ops.ed.undo()
-    assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, **settings) == {"FINISHED"}
-    assert snapshot.differences(after, state()) == []
-    if bpy.context.mode == "EDIT_MESH":
-        bpy.ops.object.mode_set(mode="OBJECT")

@@ -260,7 +260,6 @@ def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
     assert holder.data.ccdepth.method == "DISTANCE"
     facts = addon.facts(holder)
     assert (facts["Method"], facts["Proved Minimal"]) == ("By Distance", "All faces")
-    assert "By Distance" in addon.module("command_line.report_text").settings_text([holder])
     addon.compute(holder, tolerance=0.05, method="CERTIFIED")
     assert "Proved Minimal" not in addon.facts(holder)
 

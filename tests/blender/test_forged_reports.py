@@ -118,7 +118,7 @@ FORGED: dict[str, Callable[[Any], list[Any]]] = {
     "files[].error": lambda _: ["x"],
     "files[].objects": lambda value: [value[:-1], [*value, value[-1]], [*value, {**value[-1], "name": "Nobody"}]],
     "files[].chosen": lambda _: [None, {"objects": ["Nobody"], "collection": None}],
-    "files[].left_out": lambda _: [None, {"Nobody": "HIDDEN"}],
+    "files[].left_out": lambda _: [None, ["Nobody"]],
     "files[].input.sha256": lambda value: [value + "0", None],
     "files[].input.metres_per_unit": lambda value: [value / 2, None],
     f"{OBJECT}name": lambda value: [value + "x"],

@@ -16,7 +16,7 @@ from tests.blender import addon, scene
 from tests.blender.runs import Capture, few_samples, mesh_objects, run, save
 from tests.blender.subdividing import known_count, refuses
 from tests.blender.test_report import report_in, reported
-from tests.blender.test_staleness import SETTINGS_LINE, keyed, mesh_line, posed
+from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
 from tests.blender.updating import move_vertex, set_scene
 from tests.thorough import combinations
 
@@ -190,17 +190,6 @@ def test_what_are_no_frames_is_refused(frames: str) -> None:
     assert bpy.context.scene.frame_current == 4
 
 
-def test_the_range_of_the_scene() -> None:
-    holder = with_a_shape_key()
-    settings = bpy.context.scene
-    settings.frame_start, settings.frame_end, settings.frame_step = 2, 10, 4
-    addon.compute(holder, tolerance=TOLERANCE, frames="SCENE")
-    assert holder.data.ccdepth.frames == "2-10/4"
-    by_range = addon.depths(holder)
-    compute(holder, frames="2,6,10")
-    np.testing.assert_array_equal(by_range, addon.depths(holder))
-
-
 def test_a_relative_tolerance_is_a_part_of_the_diagonal_on_each_frame() -> None:
     """A scale alone changes nothing then."""
     holder = ring()
@@ -214,21 +203,6 @@ def test_a_relative_tolerance_is_a_part_of_the_diagonal_on_each_frame() -> None:
     single = addon.bounds(holder)
     compute(holder, tolerance=0.001, tolerance_mode="RELATIVE")
     np.testing.assert_allclose(addon.bounds(holder), 3 * single, rtol=1e-5)
-
-
-def test_what_only_turns_needs_nothing_more() -> None:
-    holder = ring()
-    key(holder, "location", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
-    key(holder, "rotation_euler", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
-    addon.compute(holder, tolerance=TOLERANCE)
-    alone = addon.depths(holder), addon.bounds(holder)
-    compute(holder)
-    np.testing.assert_array_equal(addon.depths(holder), alone[0])
-    # Rotations differ by rounding in single precision, and no norms are computed of such changes: all bounds may be a
-    # 64th of the tolerance more.
-    bounds = addon.bounds(holder)
-    assert np.all((bounds >= alone[1] * (1 - 1e-6)) & (bounds <= alone[1] + TOLERANCE / 64))
-    assert holder.data.ccdepth.worst_frame == FIRST
 
 
 @pytest.mark.every_blender
@@ -375,75 +349,6 @@ def test_the_level_over_frames_is_set_in_the_file(animated: Path, tmp_path: Path
     assert np.any(addon.depths(holder) < over_frames)
 
 
-def test_a_negative_frame_is_reported(animated: Path, tmp_path: Path) -> None:
-    report = tmp_path / "report.json"
-    [entry] = reported(report, animated, *LINE, "--frames=-2")["files"]
-    assert entry["objects"][0]["worst_frame"] == -2
-    assert run("--verify", report) == 0
-
-
-def expect(holder: bpy.types.Object, line: str) -> None:
-    """The panel and Set Levels agree."""
-    assert told_by_the_panel(holder) == line
-    if line:
-        refuses("set_levels", "out of date", holder)
-    else:
-        addon.finish("set_levels", holder)
-    assert told_by_the_panel(holder) == line
-
-
-def moving_objects() -> dict[str, bpy.types.Object]:
-    """Objects that are shaped or scaled otherwise at the later frame."""
-    names = ("keyed shape", "driven shape", "keyed modifier", "wave", "scale", "child", "posed")
-    holders = {name: scene.add_suzanne() for name in names}
-    key(keyed(holders["keyed shape"]), "value", 0.0, 1.0)
-    keyed(holders["driven shape"]).driver_add("value").driver.expression = "frame / 20"
-    key(holders["keyed modifier"].modifiers.new("Cast", "CAST"), "factor", 0.0, 1.0)
-    # It moves without keys.
-    holders["wave"].modifiers.new("Wave", "WAVE")
-    holders["child"].parent = scene.add("Parent")
-    for scaled in (holders["scale"], holders["child"].parent):
-        key(scaled, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.0))
-    key(posed(holders["posed"]).pose.bones["Bone"], "location", (0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
-    return holders
-
-
-@pytest.mark.every_blender
-def test_results_follow_the_frame() -> None:
-    """They are out of date at a later frame, and current at the first."""
-    holders = moving_objects()
-    bpy.context.scene.frame_set(FIRST)
-    still = scene.add_suzanne()
-    key(still, "location", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
-    for holder in (still, *holders.values()):
-        addon.compute(holder)
-        expect(holder, "")
-    for frame, has_changed in ((LAST, True), (FIRST, False)):
-        bpy.context.scene.frame_set(frame)
-        expect(still, "")
-        assert {name: told_by_the_panel(holder) for name, holder in holders.items()} == {
-            name: mesh_line(holder) if has_changed else "" for name, holder in holders.items()
-        }
-        for holder in holders.values():
-            expect(holder, mesh_line(holder) if has_changed else "")
-    parent = holders["child"].parent
-    parent.animation_data_clear()
-    parent.scale.z = 3.0
-    bpy.context.view_layer.update()
-    expect(holders["child"], mesh_line(holders["child"]))
-
-
-@pytest.mark.every_blender
-def test_a_count_of_faces_is_forgotten() -> None:
-    holder = scene.add_suzanne()
-    key(keyed(holder), "value", 0.0, 1.0)
-    bpy.context.scene.frame_set(FIRST)
-    addon.finish("count_faces", holder)
-    assert known_count(holder) is not None
-    bpy.context.scene.frame_set(LAST)
-    assert known_count(holder) is None
-
-
 @pytest.mark.every_blender
 def test_a_render_leaves_a_count_of_faces() -> None:
     holder, render = scene.add_suzanne(), bpy.context.scene.render
@@ -462,5 +367,6 @@ def test_what_cannot_be_examined_is_not_current(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(addon.module("state.still_holds"), "object_state", Mock(side_effect=LookupError("odd")))
     holder.scale.x = 2.0
     bpy.context.view_layer.update()
-    expect(holder, mesh_line(holder))
+    assert told_by_the_panel(holder) == mesh_line(holder)
+    refuses("set_levels", "out of date", holder)
     assert "LookupError: odd" in capfd.readouterr().err

@@ -164,7 +164,7 @@ def test_colours_are_baked_in_edit_mode() -> None:
         assert holder.mode == "EDIT"
     assert addon.colors(holder).shape == (24, 4)
     assert holder.data.attributes.active_color_name == "ccdepth_color"
-    assert not addon.module("state.out_of_date").is_stale(holder.data)
+    assert not addon.module("state.out_of_date").noted(holder.data).is_stale
 
 
 def drawn(kind: Shown) -> list[Any]:

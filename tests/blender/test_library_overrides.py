@@ -186,6 +186,20 @@ def test_meshes_of_other_files_get_no_values(tmp_path: Path, kind: str, match: s
     assert own.data.ccdepth.measurement.against == holder.name
 
 
+def test_the_object_measured_against_is_not_another_of_its_name(tmp_path: Path) -> None:
+    """A local and a linked object may have the same."""
+    holder = linked(tmp_path)
+    local = scene.add_object(meshes.torus(4, 3), holder.name)
+    assert (local.name, local.library) == (holder.name, None)
+    own = scene.add_object(meshes.cube(), "Own")
+    addon.measure(own, holder, time_limit=0.1)
+    assert own.ccdepth.measured_against == holder
+    local.location.x += 1.0
+    addon.examine_touched()
+    line = addon.module("ui.deviation_panel").stale_line
+    assert line(bpy.context.scene.ccdepth, own.data) == ""
+
+
 @pytest.mark.parametrize("kind", ["", *KINDS])
 def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: str) -> None:
     holder = linked(tmp_path, kind, computed=True)

@@ -60,7 +60,7 @@ def test_attribute_and_record() -> None:
     # Each face of a cube is as far as the others, on both sides.
     assert values.min() >= record.deviation_reached
     found = record.measurement
-    assert (found.measured, found.against) == ("Cube", "Cube")
+    assert (found.measured, found.against) == ("Cube", "")
     assert found.world_tolerance == 0.5
     assert 0 <= found.worst_face < 6
     assert not record.has_result
@@ -101,7 +101,8 @@ def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     holder, third = subdivided_cube(), 1.0 / 3.0
     tasks, write = addon.module("tasks.deviation_task"), addon.module("state.mesh_values").write_deviations
     faces = np.zeros(len(holder.data.polygons))
-    answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, faces, third, third, True, False, 0, np.zeros(3), 0.0, 0.0)
+    cube = addon.module("exchange.data_blocks").Identity.of(holder)
+    answer = tasks.MeshDeviation([cube], cube, 1.0, faces, third, third, True, False, 0, np.zeros(3), 0.0, 0.0)
     write([holder], [answer], tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0))
     record = holder.data.ccdepth
     assert record.deviation_reached < third < record.deviation
@@ -307,7 +308,7 @@ def test_against_a_source_at_an_unknown_place_nothing_is_measured(tmp_path: Path
     scene.open_again(tmp_path)
     addon.examine_touched()
     result = bpy.data.objects["Cube Adaptive"]
-    assert addon.module("state.out_of_date").change_since_measured(result.data) == "“Cube” is not shown"
+    assert addon.module("state.out_of_date").noted(result.data).change == "“Cube” is not shown"
     refuses("measure", "its place in the scene is not known", result)
 
 

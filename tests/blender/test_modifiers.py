@@ -264,7 +264,8 @@ def fresh() -> Iterator[tuple[str, bpy.types.Object]]:
 def test_every_operator_copes_with_fresh_modifiers(capfd: pytest.CaptureFixture[str]) -> None:
     """Either it is done, or it is refused with a reason; and what was done holds until something changes."""
     bpy.context.scene.ccdepth.relative_tolerance = 0.2
-    state = addon.module("exchange.dependencies").object_state
+    dependencies = addon.module("exchange.dependencies")
+    state = dependencies.object_state
     done: set[str] = set()
     refusals: list[str] = []
     for kind, holder in fresh():
@@ -299,9 +300,9 @@ def other_value(field: bpy.types.Property, value: Any) -> Any:
 
 
 def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
-    state = addon.module("exchange.dependencies").object_state
+    dependencies = addon.module("exchange.dependencies")
+    state = dependencies.object_state
     refused = addon.module("exchange.modifiers").SIMULATIONS | addon.module("exchange.modifiers").NOT_SHAPING
-    interface = addon.module("exchange.rna_settings").DISPLAY_FIELDS
     settings = 0
     for kind, holder in fresh():
         if kind in refused:
@@ -309,7 +310,9 @@ def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
         [modifier] = holder.modifiers
         for field in modifier.bl_rna.properties:
             name = field.identifier
-            if field.is_readonly or name in COMMON | interface or name.startswith("open_"):
+            if field.is_readonly or name in COMMON | dependencies.UNREAD:
+                continue
+            if name.startswith(dependencies.UNREAD_PREFIXES):
                 continue
             if kind == "SUBSURF" and name not in SHAPING_SUBSURF:
                 continue
@@ -336,3 +339,32 @@ def test_objects_that_look_at_each_other() -> None:
     second.modifiers.new("Mirror", "MIRROR").mirror_object = first
     addon.compute(first, second)
     assert stale_line(first) == stale_line(second) == ""
+
+
+def test_a_simulation_of_rigid_bodies_stands_where_it_stood() -> None:
+    """Copies that Blender evaluates are no rigid bodies, and leave the scene before they are removed. Attributes on
+    the mesh of a rigid body itself end its cache, as any change of the mesh does."""
+    falling, other = scene.add_object(meshes.cube(), "Falling"), scene.add_object(meshes.cube(), "Other")
+    for each in (falling, other):
+        each.modifiers.new("Bevel", "BEVEL")
+        each.modifiers.new("Cast", "CAST")
+    falling.location.z = 5.0
+    addon.select(falling)
+    bpy.ops.rigidbody.object_add()
+    shown = bpy.context.scene
+    for frame in range(1, 21):
+        shown.frame_set(frame)
+    height = falling.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world.translation.z
+    for operator, holder, settings in (
+        ("count_faces", falling, {"shading_angle": 0.0}),
+        ("compute", other, {"method": "FIRST_ORDER"}),
+    ):
+        addon.finish(operator, holder, **settings)
+        bpy.context.view_layer.update()
+        assert not shown.rigidbody_world.point_cache.is_outdated
+    addon.select(falling)
+    shown.ccdepth.shown_tolerance_mode = "ABSOLUTE"
+    assert shown.ccdepth.tolerance != addon.module("state.properties").DEFAULT_ABSOLUTE_TOLERANCE
+    for frame in (19, 20):
+        shown.frame_set(frame)
+    assert falling.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world.translation.z == height

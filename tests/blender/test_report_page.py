@@ -181,7 +181,7 @@ def browser(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, timeout=120, capture_output=True, text=True, encoding="utf-8", check=True)
 
 
-materials = addon.module("command_line.picture_materials")
+materials = addon.module("command_line.picture")
 colors = addon.module("state.colors")
 
 # Between a face in the light and one turned away from it.
@@ -264,19 +264,6 @@ def test_its_name_is_taken_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     path = Path(folder) / "picture.png"
     picture.render(bpy.context, [holder], path, size=picture.SMALL)
     assert [each for each in Path().rglob("*") if each.is_file()] == [path]
-
-
-def test_the_line_under_several_measured_objects_has_the_tolerance_of_the_worst() -> None:
-    small, large = scene.add_object(meshes.cube(), "Small"), scene.add_object(meshes.cube(), "Large")
-    large.scale = (10.0,) * 3
-    for each_object in (small, large):
-        addon.measure(each_object, tolerance=0.5, tolerance_mode="RELATIVE")
-    record = large.data.ccdepth
-    text = addon.module("command_line.report_text").settings_text([small, large])
-    tolerance = addon.module("ui.lengths").length_text(bpy.context.scene, record.measurement.world_tolerance)
-    assert tolerance.endswith(" m")
-    assert text.startswith(f"Tolerance {tolerance} · Largest deviation proved: ")
-    assert record.deviation > small.data.ccdepth.deviation
 
 
 def test_one_face_of_many_is_not_told_as_none_on_the_page() -> None:

@@ -41,7 +41,7 @@ def test_the_modifier_gets_the_uniform_level(vertices: str, present: bool) -> No
     if present:
         assert holder.modifiers[0].boundary_smooth == "PRESERVE_CORNERS"
     addon.examine_touched()
-    assert not addon.module("state.out_of_date").is_stale(holder.data)
+    assert not addon.module("state.out_of_date").noted(holder.data).is_stale
 
 
 @pytest.mark.parametrize("kind", ["MULTIRES", "SOFT_BODY"])

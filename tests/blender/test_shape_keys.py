@@ -215,7 +215,7 @@ def test_temporary_copies_leave_no_keys(tmp_path: Path, operator: str, modifier:
     [
         ("exchange.adaptive_mesh", "write_groups"),
         ("exchange.adaptive_mesh", "write_shape_keys"),
-        ("exchange.shape_keys", "_copy_animation"),
+        ("exchange.adaptive_mesh", "_copy_animation"),
         ("operators.place_results", "_place_beside"),
         ("state.mesh_values", "write_adaptive"),
         ("exchange.control_mesh", "mesh_arrays"),

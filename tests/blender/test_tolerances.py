@@ -31,7 +31,7 @@ def test_after_a_refused_update_as_well() -> None:
 
 def presets() -> dict[str, Any]:
     """All presets there are, by the names that are shown."""
-    return {each.name: each for each in addon.module("ui.tolerance_presets").presets(bpy.context.scene)}
+    return {each.name: each for each in addon.module("ui.tolerances").presets(bpy.context.scene)}
 
 
 def choose(preset: Any) -> None:
@@ -102,7 +102,7 @@ def cube() -> bpy.types.Object:
 def text() -> str:
     """What the sidebar says, as it is drawn."""
     bpy.context.view_layer.update()
-    return str(addon.module("ui.tolerance_text").tolerance_text(bpy.context))
+    return str(addon.module("ui.tolerances").tolerance_text(bpy.context))
 
 
 def test_switching_in_the_sidebar_carries_the_distance_over_and_back(cube: bpy.types.Object) -> None:
@@ -167,7 +167,7 @@ def test_the_size_is_told_at_once_among_many_objects(cube: bpy.types.Object) -> 
         bpy.context.scene.collection.objects.link(bpy.data.objects.new("Other", cube.data))
     addon.select(cube)
     bpy.context.view_layer.update()
-    for function in (addon.module("ui.tolerance_text").tolerance_text, lambda _: addon.module("state.watch").examine()):
+    for function in (addon.module("ui.tolerances").tolerance_text, lambda _: addon.module("state.watch").examine()):
         times = []
         for _ in range(3):
             started = process_time()

@@ -43,21 +43,36 @@ class UntriedError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of one place in a file. tests: the files to run first, or tests of them, the most likely one first."""
+    """A change of one place in a file; or a function of the add-on, and what stands for it and gets it with its
+    arguments. tests: the files to run first, or tests of them, the most likely one first."""
 
     name: str
-    file: str
-    old: str
-    new: str
     tests: list[str]
+    file: str = ""
+    old: str = ""
+    new: str = ""
+    function: str = ""
+    wrong: str = ""
 
     def plant(self, copy: Path) -> None:
         """Write the fault into a copy. Raises UntriedError."""
+        if self.function:
+            self._replace(copy)
+            return
         path = copy / self.file
         text = path.read_text(encoding="utf-8") if path.is_file() else ""
         if text.count(self.old) != 1:
             raise UntriedError(f"the fault's line has gone: {self.name}")
         path.write_text(text.replace(self.old, self.new), encoding="utf-8")
+
+    def _replace(self, copy: Path) -> None:
+        package, module, name = self.function.split(".", 2)
+        path = copy / "ccdepth_addon" / package / f"{module}.py"
+        if not path.is_file() or f"def {name.rpartition('.')[2]}(" not in path.read_text(encoding="utf-8"):
+            raise UntriedError(f"the fault's function has gone: {self.name}")
+        with path.open("a", encoding="utf-8") as file:
+            file.write(f"\n\n_right, _wrong = {name}, {self.wrong}\n")
+            file.write(f"{name} = lambda *given, **named: _wrong(_right, *given, **named)\n")
 
 
 def copy_of(checkout: Path, folder: Path) -> Path:
@@ -166,7 +181,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     text = HERE.with_name("faults.toml").read_text(encoding="utf-8")
     listed = [Fault(**each) for each in tomllib.loads(text)["fault"]]
-    faults = [each for each in listed if options.only in each.name or options.only in each.file]
+    faults = [each for each in listed if any(options.only in text for text in (each.name, each.file, each.function))]
     is_known = options.answers is not None and options.answers.is_file()
     answers = json.loads(options.answers.read_text(encoding="utf-8")) if is_known else {}
     try_all(faults, options, answers)

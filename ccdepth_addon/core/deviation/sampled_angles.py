@@ -207,7 +207,7 @@ class SampledSurface:
     def _smallest(
         self, samples: Samples, block: IndexArray, reach: FloatArray, other: Shaded, enough: float
     ) -> FloatArray:
-        """(n,): the smallest angles of samples with points within reach; -1 where one above ``enough`` does not count."""
+        """(n,): the smallest angles of samples with points in reach; -1 where one above ``enough`` is left out."""
         places, own = samples.places[block], samples.normals[block]
         owners, normals, distances = _within(places, reach, other)
         angles = _angles(own[owners], normals)

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""Tolerances at the press of a button: the tolerance for the Face Limit, and presets."""
+"""Operators of the interface alone: tolerances at the press of a button, values in panels, and the manual."""
 
 from typing import ClassVar
 
 import bpy
 from bl_operators.presets import AddPresetBase
-from bpy.props import EnumProperty, FloatProperty
+from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ..state import properties
 from ..tasks.surfaces import ComputeError, refuse_bad_angles, refuse_bad_tolerance
+from ..ui.manual import PAGE
 
 
 class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
@@ -68,3 +69,34 @@ class CCDEPTH_OT_tolerance_preset_add(AddPresetBase, bpy.types.Operator):
         "bpy.context.scene.ccdepth.shading_angle",
         "bpy.context.scene.ccdepth.facet_angle",
     ]
+
+
+class CCDEPTH_OT_copy_value(bpy.types.Operator):
+    """Copy the value to the clipboard"""
+
+    bl_idname = "ccdepth.copy_value"
+    bl_label = "Copy Value"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    value: StringProperty(name="Value", description="The text to copy", options={"SKIP_SAVE"})
+    meaning: StringProperty(name="Meaning", description="What the value is, for its tooltip", options={"SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        return f"{properties.meaning}.\nClick to copy it" if properties.meaning else ""
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        context.window_manager.clipboard = self.value
+        self.report({"INFO"}, f"Copied {self.value}")
+        return {"FINISHED"}
+
+
+class CCDEPTH_OT_open_manual(bpy.types.Operator):
+    """Open the manual of CC Depth in a web browser"""
+
+    bl_idname = "ccdepth.open_manual"
+    bl_label = "CC Depth Manual"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        return bpy.ops.wm.url_open(url=PAGE.as_uri())

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The presets of tolerance and angles in the sidebar's header, from coarse to fine, the current one marked."""
+"""The tolerance in the sidebar: in other words, and its presets."""
 
 from __future__ import annotations
 
 import re
 from ast import literal_eval
 from contextlib import suppress
+from decimal import Decimal
 from math import radians
 from pathlib import Path
 from typing import NamedTuple
@@ -13,8 +14,11 @@ from typing import NamedTuple
 import bpy
 from bl_ui.utils import PresetPanel
 
+from ..state.known import objects_for_tolerance, shown_diagonal
 from ..state.properties import TOLERANCE_PRESETS, scene_tolerance, tolerance_name
 from ..tasks.surfaces import shortest_decimal
+from .facts import lengths_text
+from .lengths import length_text, number_text
 
 # Some five pixels when the object fills the screen, one, and a fifth; each with its shading angle in degrees.
 FRACTIONS = {"Draft": (0.005, 10.0), "Standard": (0.001, 5.0), "Fine": (0.0002, 2.0)}
@@ -90,3 +94,42 @@ def presets(scene: bpy.types.Scene) -> list[Preset]:
 
 
 register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_tolerance_presets,))
+
+
+# A field shows as many decimals as Blender has at most, and is wrong by no more than this part of a number.
+DECIMALS = 6
+LARGEST_ERROR = 1e-3
+
+# Above this count of selected objects the conversion is hidden: it would measure every object.
+MOST_OBJECTS = 8
+
+
+def tolerance_text(context: bpy.types.Context) -> str:
+    """The scene's tolerance as a length or a part of the active object, or of the selected objects if the active one is
+    no mesh; empty if the sizes are unknown and the field shows all digits."""
+    scene, settings = context.scene, context.scene.ccdepth
+    relative = settings.tolerance_mode == "RELATIVE"
+    tolerance = scene_tolerance(settings)
+    texts = []
+    if abs(round(tolerance, DECIMALS) - tolerance) > LARGEST_ERROR * abs(tolerance):
+        texts.append(f"{tolerance:.6g}" if relative else length_text(scene, tolerance, digits=6))
+    diagonals, is_exact = _shown_diagonals(context)
+    sign = "=" if is_exact else "≈"
+    if diagonals and relative:
+        texts.append(f"{sign} {lengths_text(scene, (tolerance * each for each in diagonals))}")
+    elif diagonals:
+        parts = sorted(tolerance / each for each in diagonals)
+        least, largest = (number_text(Decimal(each)) for each in (parts[0], parts[-1]))
+        texts.append(f"{sign} {least if least == largest else f'{least}–{largest}'} of the size")
+    return " ".join(texts)
+
+
+def _shown_diagonals(context: bpy.types.Context) -> tuple[list[float], bool]:
+    """The diagonals of the objects of the tolerance, and whether all are exact; none if one is unknown."""
+    holders = objects_for_tolerance(context)
+    if len(holders) > MOST_OBJECTS:
+        return [], False
+    use_modifiers = context.scene.ccdepth.use_modifiers
+    found = [shown_diagonal(each, use_modifiers=use_modifiers) for each in holders]
+    known = [each for each in found if each is not None]
+    return [diagonal for diagonal, _ in known] if len(known) == len(found) else [], all(exact for _, exact in known)
