@@ -51,8 +51,9 @@ FLOOR = np.radians(0.01)
 # The number of samples compared with all points within the tolerance at a time.
 LOOKED_AT = 1 << 9
 
-# The largest number of samples compared so for the largest angle: uniform meshes have many that are nearly alike.
-MOST_LOOKED_AT = 1 << 9
+# The largest numbers of samples compared so for the largest angle, of those that count and of all: uniform meshes have
+# many that are nearly alike.
+MOST_LOOKED_AT, MOST_OF_ALL = 1 << 9, 1 << 12
 
 # Points of a large triangle around a sample, in parts of its reach: the middle and a ring.
 RING = 0.9 * np.array([[np.cos(turn), np.sin(turn)] for turn in np.arange(6) * np.pi / 3])
@@ -131,7 +132,10 @@ class SampledSurface:
         drawn = Shaded.of(positions, corners, normals, tick)
         counts = np.ones(len(corners), dtype=bool) if counts is None else counts
         found = np.zeros(len(corners))
-        for samples, other in ((_drawn_samples(drawn, counts), self._shaded), (self._samples, drawn)):
+        chosen = np.flatnonzero(counts & drawn.triangles.normals.any(axis=1))
+        if limit is None:
+            chosen = chosen[:: 3 * len(chosen) // MOST_SAMPLES + 1]
+        for samples, other in ((_samples_of(drawn, chosen), self._shaded), (self._samples, drawn)):
             enough = max(found.max(initial=0.0), FLOOR) if limit is None else limit
             angles, which = self._compare(samples, other, enough, counts, tick, only_largest=limit is None)
             np.maximum.at(found, which, angles)
@@ -183,33 +187,35 @@ class SampledSurface:
     ) -> tuple[FloatArray, IndexArray]:
         """(N,) twice: the angles of samples with the other side, at most 0 for those that do not count or are hardly
         above ``enough``; and the triangles they belong to. only_largest: look at a part, for the largest of all."""
-        angles, which, reach = np.empty((3, len(samples.places)))
+        angles, which, distances = np.empty((3, len(samples.places)))
         for part in chunks(len(angles), AT_ONCE):
             nearest = nearest_triangles(other.triangles, samples.places[part])
             angles[part] = _angles(samples.normals[part], other.normals_at(nearest.which, nearest.points))
-            which[part], reach[part] = nearest.which, nearest.distances
+            which[part], distances[part] = nearest.which, nearest.distances
             tick()
         triangles = which.astype(np.intp) if samples.triangles is None else samples.triangles
         angles[~counts[triangles]] = 0.0
-        np.maximum(reach, REACH * self._tolerance, out=reach)
-        found, looked_at = np.zeros(len(angles)), 0
-        for block in index_chunks(np.argsort(-angles, kind="stable"), LOOKED_AT):
+        is_far = distances > REACH * self._tolerance
+        found, counted = np.where(is_far, angles, 0.0), 0
+        angles[is_far] = 0.0
+        if only_largest:
+            enough = max(enough, found.max(initial=0.0))
+        order = np.argsort(-angles, kind="stable")
+        for block in index_chunks(order[:MOST_OF_ALL] if only_largest else order, LOOKED_AT):
             block = block[angles[block] > enough]
-            if not len(block) or (only_largest and looked_at >= MOST_LOOKED_AT):
+            if not len(block) or (only_largest and counted >= MOST_LOOKED_AT):
                 break
-            found[block] = self._smallest(samples, block, reach[block], other, enough)
+            found[block] = self._smallest(samples, block, other, enough)
             if only_largest:
                 enough = max(enough, found[block].max())
-                looked_at += np.count_nonzero(found[block] >= 0.0)
+                counted += np.count_nonzero(found[block] >= 0.0)
             tick()
         return found, triangles
 
-    def _smallest(
-        self, samples: Samples, block: IndexArray, reach: FloatArray, other: Shaded, enough: float
-    ) -> FloatArray:
+    def _smallest(self, samples: Samples, block: IndexArray, other: Shaded, enough: float) -> FloatArray:
         """(n,): the smallest angles of samples with points in reach; -1 where one above ``enough`` is left out."""
         places, own = samples.places[block], samples.normals[block]
-        owners, normals, distances = _within(places, reach, other)
+        owners, normals, distances = _within(places, np.full(len(block), REACH * self._tolerance), other)
         angles = _angles(own[owners], normals)
         best = first_of_each(owners, angles, len(block))
         if not self._leaves_out_narrow:
@@ -260,16 +266,15 @@ def _facet_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
     return units(np.cross(b - a, c - a))
 
 
-def _drawn_samples(drawn: Shaded, counts: BoolArray) -> Samples:
-    """Samples of the triangles that count and have an area: their corners, and points in even steps between."""
-    has_area = np.flatnonzero(counts & drawn.triangles.normals.any(axis=1))
-    steps = next((n for n in DRAWN_STEPS if len(has_area) * (n + 1) * (n + 2) // 2 <= MOST_SAMPLES), DRAWN_STEPS[-1])
+def _samples_of(drawn: Shaded, chosen: IndexArray) -> Samples:
+    """Samples of chosen triangles with an area: their corners, and points in even steps between."""
+    steps = next((n for n in DRAWN_STEPS if len(chosen) * (n + 1) * (n + 2) // 2 <= MOST_SAMPLES), DRAWN_STEPS[-1])
     weights = np.array([(i, j, steps - i - j) for i in range(steps + 1) for j in range(steps + 1 - i)]) / steps
     places, normals = (
-        np.einsum("wk,ktd->wtd", weights, of_corners[:, has_area]).reshape(-1, 3)
+        np.einsum("wk,ktd->wtd", weights, of_corners[:, chosen]).reshape(-1, 3)
         for of_corners in (drawn.triangles.points, drawn.normals)
     )
-    return Samples(places, units(normals), np.tile(has_area, len(weights)))
+    return Samples(places, units(normals), np.tile(chosen, len(weights)))
 
 
 def _fine_mesh(
