@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Depth by distance between the sets themselves, independent of parameters. docs/distance.md.
 
-Every face has a depth at once: where the certified bound, with the distance of triangles from facets, is within the
-tolerance, or feet on the surface are (``foot_bounds``). Lesser levels that samples do not disprove are then tried: the
-leaves of a level are mapped onto their triangles (``leaf_maps``). In the end leaves are measured
-(``leaf_deviations``), those of the deepest faces first, then those of the faces that gain most.
+Level by level, a face is settled where the certified bound, with the distance of triangles from facets, is within the
+tolerance, or feet on the surface are (``foot_bounds``). Of the others that samples do not disprove, the leaves are
+mapped onto their triangles (``leaf_maps``), and measured as far as the effort allows (``leaf_deviations``). In the end
+leaves of the deepest faces are measured at the levels passed over.
 """
 
 from __future__ import annotations
