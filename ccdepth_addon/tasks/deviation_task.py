@@ -267,10 +267,10 @@ def _largest_angles(
     """The largest angles of facets and of shading at samples; None without normals."""
     surface = SampledSurface(task.surface.control.in_world, task.surface.tolerance, tick)
     corners, normals = shown.triangles.corners, shown.normals()
-    facets = float(surface.largest_angles(positions, corners, None, None, tick).max())
     if normals is None:
-        return facets, None
-    return facets, float(surface.largest_angles(positions, corners, normals, None, tick).max())
+        return surface.largest_of_all(positions, corners, [None], tick)[0], None
+    facets, shading = surface.largest_of_all(positions, corners, [None, normals], tick)
+    return facets, shading
 
 
 def _largest_of_faces(count: int, sources: list[tuple[IndexArray, FloatArray]], rounding: float) -> FloatArray:

@@ -22,7 +22,7 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.evaluation import limit_values
 from ..surface.limit_normals import limit_normals
 from ..surface.surface_points import SurfacePoints
-from .surface_to_mesh import first_of_each, nearest_triangles
+from .surface_to_mesh import NearestTriangles, first_of_each, nearest_triangles
 from .triangles import Triangles, barycentric
 
 Tick = Callable[[], None]
@@ -119,26 +119,40 @@ class SampledSurface:
         positions: FloatArray,
         corners: IndexArray,
         normals: FloatArray | None,
-        limit: float | None,
+        limit: float,
         tick: Tick,
-        counts: BoolArray | None = None,
+        counts: BoolArray,
     ) -> FloatArray:
-        """(T,) float64, radians: the largest angle found at each triangle of a drawn mesh, both ways.
+        """(T,) float64, radians: the largest angle found at each triangle of a drawn mesh, both ways, if above a limit.
 
         positions: (V, 3); corners: (T, 3) intp; normals: (T, 3, 3) unit vectors at their corners, to be interpolated,
-        or None for the triangles' own. limit: the angle to decide for each triangle; with None only the largest of all
-        angles is found, and others may be missing. counts: (T,) the triangles to look at, by default all.
+        or None for the triangles' own. counts: (T,) the triangles to look at.
         """
         drawn = Shaded.of(positions, corners, normals, tick)
-        counts = np.ones(len(corners), dtype=bool) if counts is None else counts
         found = np.zeros(len(corners))
-        chosen = np.flatnonzero(counts & drawn.triangles.normals.any(axis=1))
-        if limit is None:
-            chosen = chosen[:: 3 * len(chosen) // MOST_SAMPLES + 1]
-        for samples, other in ((_samples_of(drawn, chosen), self._shaded), (self._samples, drawn)):
-            enough = max(found.max(initial=0.0), FLOOR) if limit is None else limit
-            angles, which = self._compare(samples, other, enough, counts, tick, only_largest=limit is None)
+        for samples, other in ((_drawn_samples(drawn, counts), self._shaded), (self._samples, drawn)):
+            near = _nearest(samples, other, tick)
+            angles, which = self._compare(samples, other, near, limit, counts, tick)
             np.maximum.at(found, which, angles)
+        return found
+
+    def largest_of_all(
+        self, positions: FloatArray, corners: IndexArray, kinds: list[FloatArray | None], tick: Tick
+    ) -> list[float]:
+        """The largest angle (radians) found on a drawn mesh, both ways, for each kind of normals as of
+        ``largest_angles``."""
+        every = [Shaded.of(positions, corners, normals, tick) for normals in kinds]
+        counts, chosen = np.ones(len(corners), dtype=bool), np.zeros(len(corners), dtype=bool)
+        chosen[:: 3 * len(corners) // MOST_SAMPLES + 1] = True
+        found = [0.0] * len(kinds)
+        to_surface, to_drawn = None, _nearest(self._samples, every[0], tick)
+        for i, drawn in enumerate(every):
+            samples = _drawn_samples(drawn, chosen)
+            to_surface = to_surface or _nearest(samples, self._shaded, tick)
+            for own, other, near in ((samples, self._shaded, to_surface), (self._samples, drawn, to_drawn)):
+                enough = max(found[i], FLOOR)
+                angles, _ = self._compare(own, other, near, enough, counts, tick, only_largest=True)
+                found[i] = max(found[i], float(angles.max(initial=0.0)))
         return found
 
     def kept_by(
@@ -149,7 +163,8 @@ class SampledSurface:
         kept = copy(self)
         kept._leaves_out_narrow = False
         drawn, counts = Shaded.of(positions, corners, normals, tick), np.ones(len(corners), dtype=bool)
-        is_kept = kept._compare(self._samples, drawn, limit, counts, tick)[0] <= limit
+        near = _nearest(self._samples, drawn, tick)
+        is_kept = kept._compare(self._samples, drawn, near, limit, counts, tick)[0] <= limit
         kept._samples = Samples(self._samples.places[is_kept], self._samples.normals[is_kept])
         return kept
 
@@ -179,6 +194,7 @@ class SampledSurface:
         self,
         samples: Samples,
         other: Shaded,
+        near: NearestTriangles,
         enough: float,
         counts: BoolArray,
         tick: Tick,
@@ -186,16 +202,14 @@ class SampledSurface:
         only_largest: bool = False,
     ) -> tuple[FloatArray, IndexArray]:
         """(N,) twice: the angles of samples with the other side, at most 0 for those that do not count or are hardly
-        above ``enough``; and the triangles they belong to. only_largest: look at a part, for the largest of all."""
-        angles, which, distances = np.empty((3, len(samples.places)))
-        for part in chunks(len(angles), AT_ONCE):
-            nearest = nearest_triangles(other.triangles, samples.places[part])
-            angles[part] = _angles(samples.normals[part], other.normals_at(nearest.which, nearest.points))
-            which[part], distances[part] = nearest.which, nearest.distances
-            tick()
-        triangles = which.astype(np.intp) if samples.triangles is None else samples.triangles
+        above ``enough``; and the triangles they belong to.
+
+        near: of the samples. only_largest: look at a part, for the largest of all.
+        """
+        angles = _angles(samples.normals, other.normals_at(near.which, near.points))
+        triangles = near.which if samples.triangles is None else samples.triangles
         angles[~counts[triangles]] = 0.0
-        is_far = distances > REACH * self._tolerance
+        is_far = near.distances > REACH * self._tolerance
         found, counted = np.where(is_far, angles, 0.0), 0
         angles[is_far] = 0.0
         if only_largest:
@@ -266,8 +280,19 @@ def _facet_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
     return units(np.cross(b - a, c - a))
 
 
-def _samples_of(drawn: Shaded, chosen: IndexArray) -> Samples:
-    """Samples of chosen triangles with an area: their corners, and points in even steps between."""
+def _nearest(samples: Samples, other: Shaded, tick: Tick) -> NearestTriangles:
+    """The triangles of the other side nearest to samples."""
+    found = [NearestTriangles(np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros((0, 3)))]
+    for part in chunks(len(samples.places), AT_ONCE):
+        found.append(nearest_triangles(other.triangles, samples.places[part]))
+        tick()
+    columns = zip(*((each.distances, each.which, each.points) for each in found), strict=True)
+    return NearestTriangles(*(np.concatenate(column) for column in columns))
+
+
+def _drawn_samples(drawn: Shaded, counts: BoolArray) -> Samples:
+    """Samples of the triangles that count and have an area: their corners, and points in even steps between."""
+    chosen = np.flatnonzero(counts & drawn.triangles.normals.any(axis=1))
     steps = next((n for n in DRAWN_STEPS if len(chosen) * (n + 1) * (n + 2) // 2 <= MOST_SAMPLES), DRAWN_STEPS[-1])
     weights = np.array([(i, j, steps - i - j) for i in range(steps + 1) for j in range(steps + 1 - i)]) / steps
     places, normals = (
