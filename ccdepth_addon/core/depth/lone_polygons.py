@@ -7,10 +7,9 @@ import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
+from ..bounds.polygon_bounds import ANGLE_ROUNDING
 from ..mesh.polygon_mesh import PolygonMesh
-
-# The least turn at a corner, in parts of the longest side squared, and the rounding of the sum of turns in radians.
-LEAST_TURN, ANGLE_ROUNDING = 2.0**-40, 1e-6
+from .certified_depth import LEAST_TURN
 
 
 def lone_polygon_bounds(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
