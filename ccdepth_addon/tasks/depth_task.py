@@ -265,10 +265,10 @@ def _measured(task: MeshTask, effort: str, progress: Progress) -> MeshDepths:
     # All faces at the largest depth of their base face, raised where that is not enough.
     while before is None or np.any(depths > before):
         raised = zip(groups, found, strict=True)
-        found = [group.raised(each, depths, lambda _: progress(DEPTHS_SHARE)) for group, each in raised]
+        found = [group.raised(each, depths, effort, lambda _: progress(DEPTHS_SHARE)) for group, each in raised]
         before, depths = depths, task.largest(found)
     surfaces = [(*group.poses, depths) for group, depths in zip(groups, found, strict=True)]
-    level = common_level(surfaces, part_of(progress, DEPTHS_SHARE, LEVEL_SHARE))
+    level = common_level(surfaces, part_of(progress, DEPTHS_SHARE, LEVEL_SHARE), effort=effort)
     begun = DEPTHS_SHARE + LEVEL_SHARE
     return _answer(task, found, level, _worst_frame(groups, own, part_of(progress, begun, 1 - begun)))
 

@@ -72,13 +72,13 @@ class PoseGroup:
         # Turned in the same way, like poses have the same bounds.
         return lambda: (control if len(self.requests) == 1 else control.unturned()).in_world
 
-    def raised(self, found: PoseDepths, depths: NDArray[np.int32], progress: Progress) -> PoseDepths:
+    def raised(self, found: PoseDepths, depths: NDArray[np.int32], effort: str, progress: Progress) -> PoseDepths:
         """The findings with depths raised to at least the depths of the faces of the mesh: (faces of the mesh,)
         int32."""
         faces, known = self.origins
         floors = found.depths.copy()
         floors[known] = depths[faces]
-        return raised_depths(*self.poses, found, floors, progress)
+        return raised_depths(*self.poses, found, floors, progress, effort=effort)
 
 
 def pose_groups(requests: list[DepthRequest], method: str) -> Iterator[PoseGroup]:

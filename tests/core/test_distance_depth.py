@@ -19,7 +19,7 @@ from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
 from ccdepth_addon.core.depth.distance_depth import Effort
 from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
 from ccdepth_addon.core.depth.lone_polygons import lone_polygon_bounds
-from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
+from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths, raised_depths
 from ccdepth_addon.core.depth.tolerance import ToleranceTest
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
@@ -407,14 +407,22 @@ def test_every_effort_proves_its_depths_and_quick_measures_nothing(name: str, mo
 
     monkeypatch.setattr(DrawnLeaves, "deviations", deviations)
     quick = face_depths(mesh, 2e-3 * size, "DISTANCE", "LIMIT", effort="QUICK")
+    poses = [Pose(lambda: mesh, 2e-3 * size)] * 2
+    in_poses = pose_depths(poses, "DISTANCE", "LIMIT", effort="QUICK")
+    raised = raised_depths(poses, "DISTANCE", "LIMIT", in_poses, in_poses.depths + 1, effort="QUICK")
+    quick_level = common_level([(poses, "DISTANCE", "LIMIT", in_poses)], effort="QUICK")
     assert not measured
+    monkeypatch.undo()
+    assert np.all((raised.depths > in_poses.depths) & (raised.bounds <= 2e-3 * size))
     np.testing.assert_array_equal(quick.depths, found[Effort.QUICK].depths)
     assert np.all(quick.might_need_less[found[Effort.FULL].depths < quick.depths])
     assert np.all(found[Effort.NORMAL].depths <= quick.depths)
     assert np.all(found[Effort.FULL].depths <= found[Effort.NORMAL].depths)
+    levels = [uniform_level(mesh, 2e-3 * size, "DISTANCE", "LIMIT", each_one) for each_one in found.values()]
+    assert quick_level >= min(levels)
     for each_one in found.values():
         assert np.all((each_one.depths >= 0) & (each_one.bounds <= 2e-3 * size))
-        level = uniform_level(mesh, 2e-3 * size, "DISTANCE", "LIMIT", each_one)
+    for level in {quick_level, *levels}:
         there, back, step = sampled(mesh, level, Vertices.LIMIT)
         assert max(back.max(), there.max() - OFF * step) <= 2e-3 * size
 

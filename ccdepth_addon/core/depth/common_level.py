@@ -11,12 +11,17 @@ from .face_depths import uniform_level
 from .pose_depths import Pose, PoseDepths
 
 
-def common_level(meshes: Sequence[tuple[Sequence[Pose], str, str, PoseDepths]], progress: Progress = no_report) -> int:
+def common_level(
+    meshes: Sequence[tuple[Sequence[Pose], str, str, PoseDepths]],
+    progress: Progress = no_report,
+    *,
+    effort: str = "NORMAL",
+) -> int:
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance in every
     pose of every mesh.
 
     meshes: for each mesh the arguments of ``pose_depths``, and its result. With limit vertices, level 1 is the first,
-    with a margin at some corners, as in ``uniform_level``. progress: as in ``pose_depths``.
+    with a margin at some corners, as in ``uniform_level``. progress, effort: as in ``pose_depths``.
     """
     poses = [(pose, method, vertices, found) for own, method, vertices, found in meshes for pose in own]
     level, agreed, begun = 0, 0, 0.0
@@ -24,7 +29,7 @@ def common_level(meshes: Sequence[tuple[Sequence[Pose], str, str, PoseDepths]], 
         # One part is left over, for meshes that do not agree.
         share = (1 - begun) / (len(poses) - agreed + 1)
         part = part_of(progress, begun, share)
-        needed = uniform_level(pose.make(), pose.tolerance, method, vertices, found, level, part)
+        needed = uniform_level(pose.make(), pose.tolerance, method, vertices, found, level, part, effort=effort)
         begun += share
         agreed = agreed + 1 if needed == level else 1
         level = needed

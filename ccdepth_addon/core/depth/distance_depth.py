@@ -49,9 +49,9 @@ MOST_DIVIDED = 3
 # are measured.
 MOST_MAPPED, MOST_REGULAR = 1 << 14, 1 << 9
 
-# The number of leaves measured with the effort NORMAL, apart from those of the deepest faces; the number of the deepest
-# faces beyond which these stay, and the number first measured together, doubled each time.
-MOST_MEASURED, MOST_DEEPEST, FIRST_MEASURED = 1 << 16, 1 << 13, 1 << 6
+# The number of leaves measured with the effort NORMAL, apart from those of the deepest faces; and the number of the
+# deepest faces first measured together, doubled each time.
+MOST_MEASURED, FIRST_MEASURED = 1 << 16, 1 << 6
 
 # The factor by which distances shrink at most from level to level, mostly: levels up to which samples would stay beyond
 # the limit are not tried.
@@ -128,18 +128,20 @@ def distance_bounds_at(
     vertices: Vertices,
     faces: IndexArray,
     levels: NDArray[np.int32],
+    effort: Effort,
     tick: Callable[[], None],
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces, each at its own level, in the sense of ``distance_depths``, in chunks.
 
-    levels: (F,) int32. tick: as of ``distance_depths``.
+    levels: (F,) int32. effort, tick: as of ``distance_depths``, but anything above QUICK measures all leaves.
     """
     for level in np.unique(levels[faces]).tolist():
         some = _SomeFaces.of(mesh, faces[levels[faces] == level], test, vertices, tick)
         every = np.arange(len(some.faces))
-        found, is_open, _ = some.at(level, every, some.certified_at(level, every), Effort.NORMAL)
+        found, is_open, _ = some.at(level, every, some.certified_at(level, every), effort)
         # Faces are as many as they are: what was passed over is examined.
-        found.bounds[is_open] = some.by_leaves(level, every[is_open]).bounds
+        are_measured = effort is not Effort.QUICK
+        found.bounds[is_open] = some.by_leaves(level, every[is_open], are_measured=are_measured).bounds
         yield LevelBounds(some.faces, found.bounds + test.allowance, found.lasting, found.alone | is_open)
 
 
@@ -151,8 +153,9 @@ def distance_level_bounds(
     level: int,
     tick: Callable[[], None],
     is_proved: BoolArray | None = None,
+    effort: Effort = Effort.NORMAL,
 ) -> Iterator[LevelBounds]:
-    """The proved bounds of some faces at one level, both ways, in chunks. tick, is_proved: as of
+    """The proved bounds of some faces at one level, both ways, in chunks. tick, is_proved, effort: as of
     ``level_bounds_in_chunks``."""
     if not len(faces):
         return
@@ -167,9 +170,10 @@ def distance_level_bounds(
     is_polygon = is_left & (mesh.face_sizes[faces] != 4) & (level == 0)
     yield LevelBounds(faces[is_polygon], certified[is_polygon])
     left = np.flatnonzero(is_left & ~is_polygon)
+    are_measured = effort is not Effort.QUICK
     for group in index_chunks(left, MOST_FACES_AT_ONCE):
-        bounds = some.by_leaves(level, group, are_joined=True, is_proved=is_proved).bounds
-        yield LevelBounds(faces[group], bounds + test.allowance)
+        found_here = some.by_leaves(level, group, are_measured=are_measured, are_joined=True, is_proved=is_proved)
+        yield LevelBounds(faces[group], found_here.bounds + test.allowance)
 
 
 @dataclass(frozen=True)
@@ -318,7 +322,7 @@ class _SomeFaces:
         least, count = int(self.vertices is Vertices.LIMIT), FIRST_MEASURED
         while (deepest := int(whole.depths.max(initial=0))) > least:
             deep = np.flatnonzero(whole.depths == deepest)
-            if len(deep) > MOST_DEEPEST or np.any(opened[deep] >= deepest):
+            if np.any(opened[deep] >= deepest):
                 return
             # Faces that were nearly proved to need this depth, first.
             some = np.sort(deep[np.argsort(-opened[deep], kind="stable")][:count])

@@ -102,6 +102,8 @@ def uniform_level(
     found: FaceDepths | PoseDepths | None = None,
     least: int = 0,
     progress: Progress = no_report,
+    *,
+    effort: str = "NORMAL",
 ) -> int:
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance.
 
@@ -109,11 +111,11 @@ def uniform_level(
     enough. With limit vertices, corners that Blender shows slightly off the surface keep a margin
     (``modifier_quality``), and level 1 is the first: a modifier at level 0 moves no vertex.
 
-    mesh, tolerance, method, vertices, progress, and errors: as in ``face_depths``. found: the depths by the same
-    arguments, if known: a depth is proved at its own level, a lasting depth at all later levels; other faces are
+    mesh, tolerance, method, vertices, progress, effort, and errors: as in ``face_depths``. found: the depths by the
+    same arguments, if known: a depth is proved at its own level, a lasting depth at all later levels; other faces are
     evaluated. least: the first level to try.
     """
-    found = face_depths(mesh, tolerance, method, vertices) if found is None else found
+    found = face_depths(mesh, tolerance, method, vertices, effort=effort) if found is None else found
     depths, lasting = found.depths, found.lasting
     with_margin, margin = np.zeros(mesh.face_count, dtype=bool), 0.0
     if Vertices(vertices) is Vertices.LIMIT:
@@ -135,7 +137,7 @@ def uniform_level(
         if np.any(with_margin):
             parts.append((np.flatnonzero(with_margin), tolerance - margin, np.zeros_like(is_proved)))
         share = part_of(progress, begun, (1 - begun) / 2)
-        if all_within(mesh, parts, Method(method), Vertices(vertices), level, share):
+        if all_within(mesh, parts, Method(method), Vertices(vertices), level, Effort(effort), share):
             return level
         begun += (1 - begun) / 2
         level += 1
@@ -147,6 +149,7 @@ def all_within(
     method: Method,
     vertices: Vertices,
     level: int,
+    effort: Effort,
     progress: Progress,
 ) -> bool:
     """Whether faces are within a tolerance at one level, part by part, each part with a tolerance of its own, and with
@@ -157,7 +160,8 @@ def all_within(
         if not len(faces):
             continue
         test = ToleranceTest(tolerance, rounding_allowance(mesh))
-        for block in level_bounds_in_chunks(mesh, faces, test, method, vertices, level, counter.tick, is_proved):
+        kinds = method, vertices, level, counter.tick
+        for block in level_bounds_in_chunks(mesh, faces, test, *kinds, is_proved, effort):
             counter.add(len(block.faces))
             if not block.all_within:
                 return False
@@ -173,13 +177,15 @@ def level_bounds_in_chunks(
     level: int,
     tick: Callable[[], None],
     is_proved: BoolArray | None = None,
+    effort: Effort = Effort.NORMAL,
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop.
     is_proved: (F,) bool, whether each face has this level as its depth by the same test, and is ``alone``. By distance
-    leaves of these faces without feet are not measured again, and the tolerance is a bound of them.
+    leaves of these faces without feet are not measured again, and the tolerance is a bound of them. effort: QUICK
+    measures no leaf, any other all of them.
     """
     if method is Method.DISTANCE:
-        return distance_level_bounds(mesh, test, vertices, faces, level, tick, is_proved)
+        return distance_level_bounds(mesh, test, vertices, faces, level, tick, is_proved, effort)
     if method is Method.CERTIFIED:
         return certified_level_bounds(mesh, faces, test, vertices, level, tick, nearly=False)
     return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level, tick)
@@ -192,14 +198,15 @@ def bounds_at_depths(
     method: Method,
     vertices: Vertices,
     depths: NDArray[np.int32],
+    effort: Effort,
     tick: Callable[[], None],
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces, each at its own depth, in the sense of ``depths_in_chunks``, in chunks.
 
-    depths: (F,) int32. tick: called meanwhile, and may raise to stop.
+    depths: (F,) int32. effort: as of ``level_bounds_in_chunks``. tick: called meanwhile, and may raise to stop.
     """
     if method is Method.DISTANCE:
-        yield from distance_bounds_at(mesh, test, vertices, faces, depths, tick)
+        yield from distance_bounds_at(mesh, test, vertices, faces, depths, effort, tick)
         return
     for level in np.unique(depths[faces]).tolist():
         some = faces[depths[faces] == level]

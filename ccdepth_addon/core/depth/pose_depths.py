@@ -21,6 +21,7 @@ from ..bounds.norm_bounds import Method, Vertices
 from ..bounds.rounding import rounding_allowance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress, no_report, part_of
+from .distance_depth import Effort
 from .face_depths import bounds_at_depths, face_depths
 from .tolerance import ToleranceTest
 
@@ -79,7 +80,7 @@ def pose_depths(
     first = face_depths(mesh, tolerance, method, vertices, part, effort=effort, is_checked=True)
     found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting, first.alone, first.might_need_less)
     every = np.ones(mesh.face_count, dtype=bool)
-    _prove(poses, method, vertices, found, every, part_of(progress, share, 1 - share), first=1)
+    _prove(poses, method, vertices, effort, found, every, part_of(progress, share, 1 - share), first=1)
     return found
 
 
@@ -90,6 +91,8 @@ def raised_depths(
     found: PoseDepths,
     floors: NDArray[np.int32],
     progress: Progress = no_report,
+    *,
+    effort: str = "NORMAL",
 ) -> PoseDepths:
     """The depths found by ``pose_depths`` with the same arguments, raised to at least the floors (F,) int32, with
     bounds."""
@@ -98,7 +101,7 @@ def raised_depths(
         return found
     deeper = PoseDepths(*(each.copy() for each in vars(found).values()))
     deeper.deepen(lower, floors[lower])
-    _prove(poses, method, vertices, deeper, floors > found.depths, progress)
+    _prove(poses, method, vertices, effort, deeper, floors > found.depths, progress)
     return deeper
 
 
@@ -106,6 +109,7 @@ def _prove(
     poses: Sequence[Pose],
     method: str,
     vertices: str,
+    effort: str,
     found: PoseDepths,
     is_open: BoolArray,
     progress: Progress,
@@ -113,7 +117,7 @@ def _prove(
 ) -> None:
     """Prove the depths of open faces (F,) in all poses, and raise the depths without a proof. first: the first pose not
     yet proved."""
-    kinds, done = (Method(method), Vertices(vertices)), 0.0
+    kinds, done = (Method(method), Vertices(vertices), Effort(effort)), 0.0
     while np.any(is_open):
         raised = np.zeros(len(is_open), dtype=bool)
         for place, pose in enumerate(poses):
@@ -126,13 +130,19 @@ def _prove(
 
 
 def _raised(
-    pose: Pose, method: Method, vertices: Vertices, found: PoseDepths, faces: IndexArray, tick: Callable[[], None]
+    pose: Pose,
+    method: Method,
+    vertices: Vertices,
+    effort: Effort,
+    found: PoseDepths,
+    faces: IndexArray,
+    tick: Callable[[], None],
 ) -> IndexArray:
     """The faces without a proof at their depths in a pose, raised by one level; records the bounds of the others."""
     mesh = pose.make()
     test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     parts = [faces[:0]]
-    for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, tick):
+    for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, effort, tick):
         holds = np.isfinite(block.bounds)
         proved = block.faces[holds]
         found.bounds[proved] = np.maximum(found.bounds[proved], block.bounds[holds])

@@ -12,6 +12,7 @@ import numpy as np
 from ..bounds.norm_bounds import Method, Vertices
 from ..bounds.rounding import rounding_allowance
 from ..progress import Progress, no_report
+from .distance_depth import Effort
 from .face_depths import bounds_at_depths
 from .pose_depths import Pose, PoseDepths
 from .tolerance import ToleranceTest
@@ -73,7 +74,7 @@ def _share(
     mesh = pose.make()
     test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     shares = np.zeros(mesh.face_count)
-    for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, tick):
+    for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, Effort.NORMAL, tick):
         # A distance without a proof here was proved with fewer faces at once (``MOST_REGULAR``).
         shares[block.faces] = np.minimum(block.bounds / pose.tolerance, 1.0)
     farther = np.flatnonzero(shares > worst.share * (1 + ALIKE))
@@ -86,7 +87,7 @@ def _share(
         some = left = farther[begin : 2 * begin + 1]
         for level in range(worst.depth - 1, -1, -1):
             levels = np.full(mesh.face_count, level, dtype=np.int32)
-            blocks = bounds_at_depths(mesh, left, test, method, vertices, levels, tick)
+            blocks = bounds_at_depths(mesh, left, test, method, vertices, levels, Effort.NORMAL, tick)
             left = np.concatenate([left[:0], *(block.faces[np.isinf(block.bounds)] for block in blocks)])
         if len(left):
             return float(shares[left].max())
