@@ -29,6 +29,7 @@ from ..mesh.submesh import submesh
 from .certified_depth import DrawnLevels, certified_level_bounds
 from .disproved_levels import DisprovedLevels
 from .level_leaves import DEEPEST_REGULAR, RINGS, LevelLeaves, mask, rings_around
+from .like_parts import LikeParts, like_parts
 from .lone_polygons import lone_polygon_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
@@ -60,6 +61,9 @@ FASTEST = 5.0
 # The level of faces of which no level is open.
 NO_LEVEL = np.iinfo(np.intp).max
 
+# The largest distance between vertices of like parts, in parts of the tolerance.
+LARGEST_OFF = 2.0**-9
+
 # The number of faces cut out of the mesh together.
 MOST_FACES_AT_ONCE = 1 << 11
 
@@ -84,17 +88,47 @@ def distance_depths(
 
     At level 0 vertices are control points, as no modifier moves anything.
     """
-    some = _SomeFaces.of(mesh, faces, test, vertices, tick)
+    parts, in_parts = _one_of_each(mesh, test)
     disproved: list[DisprovedLevels] = []
+
+    def disprove(depths: FaceDepths, whole: PolygonMesh, test: ToleranceTest) -> None:
+        """Note which depths are the least ones. whole: all that may be near their faces."""
+        for level in np.unique(depths.depths[depths.depths > 0]).tolist():
+            own = np.flatnonzero(depths.depths == level)
+            disproved[:] = disproved or [DisprovedLevels.of(whole, vertices, test, tick)]
+            depths.exact[own] = disproved[0].all_before(level, depths.faces[own], tick)
+
+    for found in _depths_in_parts(parts.mesh, in_parts, vertices, np.unique(parts.faces[faces]), effort, tick):
+        if parts.are_apart:
+            disprove(found, parts.mesh, in_parts)
+        some, places = parts.like(faces, found.faces)
+        whole = FaceDepths(some, *(column[places] for name, column in vars(found).items() if name != "faces"))
+        if not parts.are_apart:
+            disprove(whole, mesh, test)
+        yield whole
+
+
+def _one_of_each(mesh: PolygonMesh, test: ToleranceTest) -> tuple[LikeParts, ToleranceTest]:
+    """One of each part of a mesh, and the test for its distances: those of a like part differ by ``off`` at the mesh
+    and at the surface. docs/distance.md, Like parts."""
+    parts = like_parts(mesh, LARGEST_OFF * test.tolerance, 2 * test.tolerance)
+    return parts, replace(test, allowance=test.allowance + 2 * parts.off)
+
+
+def _depths_in_parts(
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    vertices: Vertices,
+    faces: IndexArray,
+    effort: Effort,
+    tick: Callable[[], None],
+) -> Iterator[FaceDepths]:
+    """The depths of some faces, as of ``distance_depths``, but for ``exact``."""
+    some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     whole = FaceDepths.undecided(faces)
     opened = np.full(len(faces), NO_LEVEL)
 
     def found(places: IndexArray) -> FaceDepths:
-        for level in np.unique(whole.depths[places]).tolist():
-            own = places[whole.depths[places] == level]
-            if level and len(own):
-                disproved[:] = disproved or [DisprovedLevels.of(mesh, vertices, test, tick)]
-                whole.exact[own] = disproved[0].all_before(level, faces[own], tick)
         chosen = FaceDepths(*(column[places] for column in vars(whole).values()))
         # Until here, bounds are without the allowance.
         chosen.bounds[:] += test.allowance
@@ -157,6 +191,25 @@ def distance_level_bounds(
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, both ways, in chunks. tick, is_proved, effort: as of
     ``level_bounds_in_chunks``."""
+    parts, in_parts = _one_of_each(mesh, test)
+    is_proved = is_proved if is_proved is None else parts.in_all(is_proved)
+    own = np.unique(parts.faces[faces])
+    for found in _level_bounds_in_parts(parts.mesh, in_parts, vertices, own, level, tick, is_proved, effort):
+        some, places = parts.like(faces, found.faces)
+        yield LevelBounds(some, found.bounds[places])
+
+
+def _level_bounds_in_parts(
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    vertices: Vertices,
+    faces: IndexArray,
+    level: int,
+    tick: Callable[[], None],
+    is_proved: BoolArray | None,
+    effort: Effort,
+) -> Iterator[LevelBounds]:
+    """The proved bounds of some faces at one level, as of ``distance_level_bounds``."""
     if not len(faces):
         return
     some, every = _SomeFaces.of(mesh, faces, test, vertices, tick), np.arange(len(faces))
