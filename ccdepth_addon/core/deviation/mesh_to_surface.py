@@ -15,10 +15,10 @@ from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import dot_products, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
-from .box_tree import BoxTree
+from .box_tree import BoxTree, first_of_each
 from .columns import NONE, columns
 from .covering_pieces import over_pieces
-from .surface_to_mesh import ROUNDINGS, SurfaceToMesh, first_of_each
+from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles, distance_slack, to_triangles
 
 # The number of parts with corners tried for reached distances, the number of corners measured then, and the relative
@@ -114,10 +114,11 @@ class Leaves:
     def near(self, places: FloatArray, share: float) -> tuple[IndexArray, IndexArray]:
         """(K,) intp twice: places (P, 3) and the facets of pieces that can be nearest; or with a share of 1 of the
         distances between surface and facets, of pieces with a leaf that can be nearest."""
-        tried = self.tree.beside(places)
-        reach = self.facets.distances(places, tried)[0] + share * self.facets.off[tried]
-        reach = reach * (1 + 1e-12) + ROUNDINGS * np.abs(places).max(initial=0.0) + np.finfo(float).tiny
-        return self.tree.near(places, reach)
+
+        def farthest(some: FloatArray, tried: IndexArray) -> FloatArray:
+            return self.facets.distances(some, tried)[0] + share * self.facets.off[tried]
+
+        return self.tree.near(places, farthest)
 
     def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
         """The leaves (P,) with the triangles nearest to places (P, 3), and the distances (P,)."""

@@ -22,7 +22,8 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.evaluation import limit_values
 from ..surface.limit_normals import limit_normals
 from ..surface.surface_points import SurfacePoints
-from .surface_to_mesh import NearestTriangles, first_of_each, nearest_triangles
+from .box_tree import FAR, first_of_each
+from .surface_to_mesh import NearestTriangles, nearest_triangles
 from .triangles import Triangles, barycentric
 
 Tick = Callable[[], None]
@@ -250,7 +251,7 @@ def _within(places: FloatArray, reach: FloatArray, shaded: Shaded) -> tuple[Inde
     """Points within reach (P,) of places (P, 3): of each point its place (K,), its normal (K, 3), and its distance."""
     triangles = shaded.triangles
     reach = reach * (1 + 1e-9)
-    owners, which = triangles.tree.near(places, reach)
+    owners, which = triangles.tree.within(places, _held(triangles, places, reach))
     distances, points = triangles.distances(places[owners], which)
     is_near = distances <= reach[owners]
     owners, which, distances, points = owners[is_near], which[is_near], distances[is_near], points[is_near]
@@ -267,6 +268,15 @@ def _within(places: FloatArray, reach: FloatArray, shaded: Shaded) -> tuple[Inde
         found.append((owners[near], shaded.normals_at(which[near], points[near]), distances[near]))
     owners = np.concatenate([part[0] for part in found])
     return owners, np.concatenate([part[1] for part in found]), np.concatenate([part[2] for part in found])
+
+
+def _held(triangles: Triangles, places: FloatArray, reach: FloatArray) -> FloatArray:
+    """(P,): reach (P,), but no more than reaches the triangles near a place where these are far smaller."""
+    held, beyond = reach.copy(), np.flatnonzero(reach > FAR * triangles.tree.size)
+    if len(beyond):
+        nearest = nearest_triangles(triangles, places[beyond]).distances + triangles.slack.max()
+        held[beyond] = np.minimum(reach[beyond], np.maximum(nearest * (1 + 1e-9), FAR * triangles.tree.size))
+    return held
 
 
 def _angles(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
+from .box_tree import first_of_each
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles
@@ -24,9 +25,6 @@ SHARE_OF_LIMITS = 0.6
 
 # A covered piece larger than this many times the goal is hardly within the goal of one triangle.
 SMALL_FOR_ONE = 4.0
-
-# The relative rounding of coordinates: more than the error of a box and a distance.
-ROUNDINGS = 2.0**-48
 
 # A bound of up to this many times the goal may reach the goal along another direction.
 NEARLY = 1.5
@@ -44,20 +42,11 @@ class NearestTriangles:
 def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriangles:
     """The triangles nearest to points (P, 3); no distance is longer than the true one, but for a part that ``Findings``
     subtracts."""
-    reach = triangles.distances(places, triangles.tree.beside(places))[0]
-    # The nearest triangle has to be within reach, whatever the rounding of boxes and distances.
-    reach = reach * (1 + 1e-12) + ROUNDINGS * np.abs(places).max(initial=0.0) + np.finfo(float).tiny
-    owners, which = triangles.tree.near(places, reach)
+    owners, which = triangles.tree.near(places, lambda some, tried: triangles.distances(some, tried)[0])
     distances, points = triangles.distances(places[owners], which)
     distances = np.maximum(distances - triangles.slack[which], 0.0)
     first = first_of_each(owners, distances, len(places))
     return NearestTriangles(distances[first], which[first], points[first])
-
-
-def first_of_each(owners: IndexArray, values: FloatArray, count: int) -> IndexArray:
-    """(count,) intp: the index of the least value of each owner; every owner has one."""
-    order = np.lexsort((values, owners))
-    return order[np.searchsorted(owners[order], np.arange(count))]
 
 
 class SurfaceToMesh:

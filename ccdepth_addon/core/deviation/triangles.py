@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms, units
 from .box_tree import BoxTree
@@ -56,8 +57,11 @@ class Triangles:
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """The distances (N,) from places (N, 3) to a triangle each, and the nearest points (N, 3) of these
         triangles."""
-        distances, nearest = to_triangles(columns(places), self.corners(which))
-        return distances, nearest.T
+        found, nearest = np.empty(len(places)), np.empty((len(places), 3))
+        for some in chunks(len(places), AT_ONCE):
+            found[some], points = to_triangles(columns(places[some]), self.corners(which[some]))
+            nearest[some] = points.T
+        return found, nearest
 
 
 def needle_thickness(points: FloatArray) -> FloatArray:
