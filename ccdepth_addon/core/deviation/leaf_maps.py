@@ -17,7 +17,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, squared_norms, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
-from .columns import NONE, columns, products
+from .columns import NONE, Table, columns, products
 from .triangles import to_triangles
 
 # How many times cells are quartered, and bicubic patches halved.
@@ -109,7 +109,7 @@ class Charts:
 
 
 @dataclass(frozen=True)
-class Cells:
+class Cells(Table):
     """N cells of the surface, of one size. pieces, leaves: (N,) intp, the piece and the leaf of each. corners: (N, 4)
     intp, the place in the leaf of each corner; images: (N, 4, 2), places of the corners' images. halved: (N,) intp, the
     number of times that a bicubic patch was halved."""
@@ -119,10 +119,6 @@ class Cells:
     corners: IndexArray
     images: FloatArray
     halved: IndexArray
-
-    def at(self, chosen: BoolArray) -> Cells:
-        """Chosen cells."""
-        return Cells(*(column[chosen] for column in vars(self).values()))
 
 
 def mapped_bounds(pieces: BezierPieces, quads: FloatArray, is_turned: BoolArray, limit: float) -> FloatArray:

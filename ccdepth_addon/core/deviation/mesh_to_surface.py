@@ -5,10 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
@@ -16,7 +14,7 @@ from ..arrays.vectors import dot_products, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, first_of_each
-from .columns import NONE, columns
+from .columns import NONE, Table, columns
 from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles, distance_slack, to_triangles
@@ -53,7 +51,7 @@ GROWN = 1.5
 
 
 @dataclass(frozen=True)
-class Facets:
+class Facets(Table):
     """Pieces, each as two triangles over its corners. pieces: (L,) intp; corners: (L, 4, 3); off: (L,) float64, bounds
     of the distance between surface and triangles at equal parameters, with ``distance_slack``. docs/deviation.md,
     Facets."""
@@ -77,10 +75,6 @@ class Facets:
         points = corners.swapaxes(0, 1)
         off += np.maximum(distance_slack(points[[0, 1, 2]]), distance_slack(points[[0, 2, 3]]))
         return Facets(chosen, corners, off)
-
-    def at(self, chosen: IndexArray) -> Facets:
-        """Chosen facets, by index."""
-        return Facets(*(column[chosen] for column in vars(self).values()))
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """The distances (N,) from places (N, 3) to the nearer of a piece's triangles, and the nearest points (N, 3)."""
@@ -134,7 +128,7 @@ class Leaves:
 
 
 @dataclass(frozen=True)
-class Parts:
+class Parts(Table):
     """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, the proved
     distance; leaves: (N,) intp, the nearest piece."""
 
@@ -147,15 +141,6 @@ class Parts:
     def unknown(corners: FloatArray, owners: IndexArray, bounds: FloatArray) -> Parts:
         """Parts with only bounds known."""
         return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp))
-
-    def at(self, chosen: NDArray[Any]) -> Parts:
-        """Chosen parts, by index."""
-        return Parts(*(column[chosen] for column in vars(self).values()))
-
-    @staticmethod
-    def joined(some: Parts, others: Parts) -> Parts:
-        """Parts of both, one after the other."""
-        return Parts(*(np.concatenate([column, vars(others)[name]]) for name, column in vars(some).items()))
 
     def quarters(self) -> Parts:
         """The four parts of each part, with the bound of the whole; long parts are cut along their longest side."""
@@ -227,7 +212,7 @@ class MeshToSurface:
         used = np.unique(np.concatenate([parts.leaves[of_leaves > FINE_SHARE * sizes], self.blamed]))
         self.surface.split(used[pieces.first_child[used] == NONE])
         fine = of_leaves <= COARSE_SHARE * sizes
-        return Parts.joined(parts.at(~fine), parts.at(fine).quarters())
+        return parts.at(~fine).joined([parts.at(fine).quarters()])
 
     def _record(self, parts: Parts) -> None:
         np.maximum.at(self.upper, parts.owners, parts.bounds)

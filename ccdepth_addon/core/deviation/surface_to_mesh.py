@@ -13,6 +13,7 @@ from ..arrays.vectors import squared_norms, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
 from .box_tree import first_of_each
+from .columns import Table
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles
@@ -31,7 +32,7 @@ NEARLY = 1.5
 
 
 @dataclass(frozen=True)
-class NearestTriangles:
+class NearestTriangles(Table):
     """The distances (P,) float64, the nearest triangles (P,) intp, and the nearest points (P, 3)."""
 
     distances: FloatArray
