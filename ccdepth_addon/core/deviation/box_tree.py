@@ -10,10 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import FEW_AT_ONCE, index_chunks
+from ..arrays.chunks import index_chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import lengths, squared_norms
-from .columns import columns
+from .columns import columns, products
 
 # Of points (n, 3) and things (n,), the largest distances (n,) that the things can have.
 Bounds = Callable[[FloatArray, IndexArray], FloatArray]
@@ -25,6 +25,9 @@ TRIED = 6
 
 # Points are far beyond this many times the usual size of boxes, which the first ``SEEN`` tell.
 FAR, SEEN = 4.0, 1 << 12
+
+# The number of points that go down the tree together: with their boxes they stay in the processor's caches.
+POINTS_AT_ONCE = 1 << 9
 
 # One of this many far points along the curve is the leader of the others.
 FOLLOWERS = 8
@@ -85,13 +88,13 @@ class BoxTree:
     def within(self, points: FloatArray, reach: FloatArray) -> tuple[IndexArray, IndexArray]:
         """(K,) intp twice: points (P, 3), ascending, and all things with boxes in reach (P,) of these."""
         found = [(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))]
-        for some in index_chunks(np.arange(len(points)), FEW_AT_ONCE):
+        for some in index_chunks(np.arange(len(points)), POINTS_AT_ONCE):
             owners, nodes, places, squares = some, np.zeros_like(some), columns(points[some]), reach[some] ** 2
             for blocks in reversed(self._blocks):
                 boxes, at = blocks.take(nodes, axis=2), places.take(owners - some[0], axis=1)[:, None]
-                apart = np.maximum(np.maximum(boxes[:3] - at, at - boxes[3:]), 0.0)
-                fits = (apart * apart).sum(axis=0) <= squares[owners - some[0]]
-                rows, child = np.nonzero(fits.T)
+                apart = np.maximum(boxes[:3] - at, at - boxes[3:])
+                apart = np.maximum(apart, 0.0, out=apart).swapaxes(0, 1)
+                rows, child = np.nonzero((products(apart, apart) <= squares[owners - some[0]]).T)
                 owners, nodes = owners[rows], BRANCHES * nodes[rows] + child
             found.append((owners, self.order[nodes]))
         return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])

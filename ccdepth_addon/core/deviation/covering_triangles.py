@@ -79,13 +79,19 @@ def over_triangles(
     if not len(block):
         return np.zeros(0), np.zeros(0, dtype=np.intp)
     seen = Seen.of(pieces, block, directions, margin)
-    under, covered = _triangles_under(seen, mesh, first, margin)
-    inside = np.einsum("c,scn->sn", PLACE_IN_QUAD, under.views.inside[:, CORNERS])
-    covered &= _are_odd(under.owners, inside, len(block), margin)
-    return largest_of_each(under.views, under.owners, under.which, covered, goals, margin)[:2]
+    found, covered = _triangles_under(seen, mesh, first, margin)
+    owners = np.concatenate([under.owners for under in found])
+    inside = [np.einsum("c,scn->sn", PLACE_IN_QUAD, under.views.inside[:, CORNERS]) for under in found]
+    covered &= _are_odd(owners, np.concatenate(inside, axis=1), len(block), margin)
+    upper, worst = np.where(covered, 0.0, np.inf), first
+    for under in found:
+        heights, which, _ = largest_of_each(under.views, under.owners, under.which, covered, goals, margin)
+        worst = np.where(heights > upper, which, worst)
+        upper = np.maximum(upper, heights)
+    return upper, worst
 
 
-def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: float) -> tuple[Under, BoolArray]:
+def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: float) -> tuple[list[Under], BoolArray]:
     """The triangles under pieces: the first triangles (n,) and all triangles connected to them by sides that may lie
     under the pieces; (n,) bool, whether every such side has exactly one triangle beyond."""
     spread, found = Spread(np.arange(len(first)), first, mesh.count), []
@@ -102,7 +108,7 @@ def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: flo
         if not len(spread.owners):
             break
     covered[spread.owners] = False
-    return found[0].joined(found[1:]), covered
+    return found, covered
 
 
 def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, margin: float) -> Under:
@@ -122,14 +128,15 @@ def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, m
     meets = (values[:3].min(axis=1) <= excess) & ~beside
     is_apart = (below.all(axis=1) | above.all(axis=1)).any(axis=0) | (values[:3].max(axis=1) < -excess).any(axis=0)
     # Points over a triangle thinner than the margin are within few margins of others.
-    is_thin = (mesh.thickness[which] > 0) & (mesh.thickness[which] <= margin)
+    thin = np.flatnonzero((mesh.thickness[which] > 0) & (mesh.thickness[which] <= margin))
+    values[3][:, thin] = steepness[thin] = 0.0
     views = Views(
         inside=values[:3],
-        heights=np.where(is_thin, 0.0, values[3]),
+        heights=values[3],
         inward=applied(axes, sides.inward.swapaxes(0, 1)).swapaxes(0, 1),
         places=seen.across[:, CORNERS].take(owners, axis=2),
         excess=seen.excess[owners],
-        steepness=np.where(is_thin, 0.0, steepness),
+        steepness=steepness,
         unevenness=unevenness,
     )
     under = Under(owners, which, meets, views)
