@@ -347,11 +347,9 @@ def _leaves_over(
         inside = over.offsets + products(over.inward, middle) + products(np.abs(over.inward), half)
         is_over = (inside >= -margin).all(axis=0)
         owners, nodes = owners[is_over], nodes[is_over]
-        first = pieces.first_child[nodes]
-        is_leaf = first == NONE
+        is_leaf = pieces.first_child[nodes] == NONE
         found.append((owners[is_leaf], nodes[is_leaf]))
-        owners = np.repeat(owners[~is_leaf], 4)
-        nodes = (first[~is_leaf][:, None] + np.arange(4)).ravel()
+        owners, nodes = np.repeat(owners[~is_leaf], 4), pieces.children(nodes[~is_leaf]).ravel()
     return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
 
 

@@ -81,6 +81,9 @@ class DrawnLeaves:
     @cached_property
     def pieces(self) -> BezierPieces:
         """The surface over the leaves: if ``are_quads``, a piece of each comes first, in their order."""
+        return self._unsplit_pieces()
+
+    def _unsplit_pieces(self) -> BezierPieces:
         units, owners = self.refinement, np.arange(len(self.points))
         if not self.are_quads:
             units, owners = units.refined(), np.repeat(owners, 4)
@@ -120,7 +123,7 @@ class DrawnLeaves:
         without a bound within the limit. rounded: the rounding allowance."""
         if not self.are_quads:
             return np.full(len(self.points), np.inf)
-        pieces = BezierPieces(self.refinement, np.arange(len(self.points)), lambda: None)
+        pieces = self._unsplit_pieces()
         found = mapped_bounds(pieces, self.points, self.is_turned, limit - rounded)
         if self.is_folded.any():
             # Either diagonal may be drawn.
@@ -188,10 +191,7 @@ class DrawnLeaves:
             in_faces=np.zeros(count),
             groups=groups,
         )
-        units, owners = self.refinement, np.arange(count)
-        if np.any(units.mesh.face_sizes != 4):
-            units, owners = units.refined(), np.repeat(owners, 4)
-        pieces = BezierPieces(units, owners, findings.tick)
+        pieces = self._unsplit_pieces()
         surface = SurfaceToMesh(pieces, self._around(), findings, np.inf)
         surface.settle(_over(pieces, on_surface))
         found = np.zeros(count)

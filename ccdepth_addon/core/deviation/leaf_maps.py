@@ -167,7 +167,7 @@ def _quartered(pieces: BezierPieces, charts: Charts, cells: Cells) -> Cells:
     which, count = cells.pieces, len(cells.pieces)
     is_patch = ~(pieces.has_net(which) | pieces.is_bilinear(which))
     pieces.split(which[pieces.first_child[which] == NONE])
-    children = pieces.first_child[which][:, None] + np.arange(4)
+    children = pieces.children(which)
     nine = np.where(is_patch[:, None, None], HALVED, SUBDIVIDED)
     rows = np.arange(count)[:, None, None]
     points = np.empty((count, 9, 3))

@@ -265,7 +265,7 @@ class MeshToSurface:
                 break
             split_now = np.unique(which[coarse])
             self.surface.split(split_now[pieces.first_child[split_now] == NONE])
-            children = pieces.first_child[which[coarse]][:, None] + np.arange(4)
+            children = pieces.children(which[coarse])
             which = np.concatenate([which[~coarse], children.ravel()])
             rows = np.concatenate([rows[~coarse], np.repeat(rows[coarse], 4)])
         first = first_of_each(rows, distances - off, len(places))

@@ -87,7 +87,7 @@ class SurfaceToMesh:
         if not len(pieces):
             return pieces
         children = self.pieces.split(pieces)
-        first = self.pieces.first_child[pieces][:, None] + np.arange(4)
+        first = self.pieces.children(pieces)
         for name in ("upper", "triangles", "nearest"):
             grown = np.resize(getattr(self, name), self.pieces.count)
             grown[first] = grown[pieces][:, None]
