@@ -164,36 +164,21 @@ def _bounds(pieces: BezierPieces, charts: Charts, cells: Cells, limit: float) ->
 
 def _quartered(pieces: BezierPieces, charts: Charts, cells: Cells) -> Cells:
     """The quarters of cells."""
-    which, count = cells.pieces, len(cells.pieces)
+    which = cells.pieces
     is_patch = ~(pieces.has_net(which) | pieces.is_bilinear(which))
     pieces.split(which[pieces.first_child[which] == NONE])
     children = pieces.children(which)
     nine = np.where(is_patch[:, None, None], HALVED, SUBDIVIDED)
-    rows = np.arange(count)[:, None, None]
-    points = np.empty((count, 9, 3))
+    rows = np.arange(len(which))[:, None, None]
+    points = np.empty((len(which), 9, 3))
     points[rows, nine] = pieces.coefficients[children][..., CORNERS].swapaxes(2, 3)
     following = cells.corners[:, FOLLOWING]
-    corners = np.concatenate([cells.corners, (cells.corners + following) // 2, following[:, :1]], axis=1)
-    corners[:, 8] = cells.corners[:, [0, 2]].sum(axis=1) // 2
-    start, end = cells.images, cells.images[:, FOLLOWING]
-    images = np.concatenate([start, (start + end) / 2, start[:, :1]], axis=1)
-    # Sides between two of the cells are bent; beyond others the image is the one of an undivided cell.
-    keys = cells.leaves[:, None] * PLACES**2 + corners[:, 4:8]
-    _, first, where, times = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
-    # Both cells take the same place, as the nearest point can change at once from one triangle to the other.
-    is_shared = times == 2
-    middles, of_both = np.empty((len(first), 2)), first[is_shared]
-    middles[is_shared] = charts.nearest(points[of_both // 4, 4 + of_both % 4], cells.leaves[of_both // 4])
-    is_bent = is_shared[where].reshape(count, 4)
-    images[:, 4:8][is_bent] = middles[where.reshape(count, 4)[is_bent]]
+    middles, middle = (cells.corners + following) // 2, cells.corners[:, [0, 2]].sum(axis=1) // 2
+    corners = np.concatenate([cells.corners, middles, middle[:, None]], axis=1)
+    images = np.empty((len(which), 9, 2))
+    images[:, :4] = cells.images
+    images[:, 4:8] = _images_of_sides(pieces, charts, cells, points[:, 4:8], middles)
     images[:, 8] = charts.nearest(points[:, 8], cells.leaves)
-    at, side = np.nonzero(pieces.sides[which] != NONE)
-    ends = charts.points(cells.images, cells.leaves)
-    begin = ends[at, side]
-    along = ends[:, FOLLOWING][at, side] - begin
-    share = dot_products(points[at, 4 + side] - begin, along)
-    share /= np.maximum(squared_norms(along), np.finfo(float).tiny)
-    images[at, 4 + side] = start[at, side] + np.clip(share, 0.0, 1.0)[:, None] * (end - start)[at, side]
     return Cells(
         children.ravel(),
         np.repeat(cells.leaves, 4),
@@ -201,3 +186,30 @@ def _quartered(pieces: BezierPieces, charts: Charts, cells: Cells) -> Cells:
         images[rows, nine].reshape(-1, 4, 2),
         np.repeat(cells.halved + is_patch, 4),
     )
+
+
+def _images_of_sides(
+    pieces: BezierPieces, charts: Charts, cells: Cells, points: FloatArray, places: IndexArray
+) -> FloatArray:
+    """(N, 4, 2): the images of the middles of cells' sides. points: (N, 4, 3), of the surface there; places: (N, 4), of
+    the middles in the leaf."""
+    start, end = cells.images, cells.images[:, FOLLOWING]
+    images = (start + end) / 2
+    # Sides between two of the cells are bent; beyond others the image is the one of an undivided cell.
+    keys = (cells.leaves[:, None] * PLACES**2 + places).ravel()
+    _, first, where, times = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    # Both cells take the same place, as the nearest point can change at once from one triangle to the other.
+    is_shared = times == 2
+    nearest, of_both = np.empty((len(first), 2)), first[is_shared]
+    nearest[is_shared] = charts.nearest(points.reshape(-1, 3)[of_both], cells.leaves[of_both // 4])
+    is_bent = is_shared[where].reshape(-1, 4)
+    images[is_bent] = nearest[where.reshape(-1, 4)[is_bent]]
+    # A side of the leaf is mapped to itself.
+    at, side = np.nonzero(pieces.sides[cells.pieces] != NONE)
+    ends = charts.points(cells.images, cells.leaves)
+    begin = ends[at, side]
+    along = ends[:, FOLLOWING][at, side] - begin
+    share = dot_products(points[at, side] - begin, along)
+    share /= np.maximum(squared_norms(along), np.finfo(float).tiny)
+    images[at, side] = start[at, side] + np.clip(share, 0.0, 1.0)[:, None] * (end - start)[at, side]
+    return images
