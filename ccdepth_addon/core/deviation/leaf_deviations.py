@@ -28,7 +28,7 @@ from .leaf_samples import ON_GRID, seen_from
 from .measure import MARGIN
 from .mesh_to_surface import Facets, Leaves, MeshToSurface
 from .surface_to_mesh import SurfaceToMesh, nearest_triangles
-from .triangles import Triangles, to_triangles
+from .triangles import Triangles, to_quads
 
 # The largest number of pieces and parts for each leaf, and these besides: undecided leaves are then near the limit, and
 # one more level takes no longer.
@@ -139,8 +139,7 @@ class DrawnLeaves:
         points, excess = np.matmul(self.pieces.coefficients[which], SAMPLED.T), self.pieces.excess[which]
         corners = columns(np.repeat(self._quads(chosen)[rows], len(SAMPLED), axis=0))
         places = columns(points.swapaxes(1, 2).reshape(-1, 3))
-        off = np.minimum(*(to_triangles(places, corners[some])[0] for some in ([0, 1, 2], [0, 2, 3])))
-        off = off.reshape(-1, len(SAMPLED))
+        off = to_quads(places, corners)[0].reshape(-1, len(SAMPLED))
         far = np.flatnonzero(off.max(axis=1) - excess > limit)
         farthest = points[far, :, off[far].argmax(axis=1)]
         found = nearest_triangles(drawn._around(), farthest).distances if len(far) else excess[far]

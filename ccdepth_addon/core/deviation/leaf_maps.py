@@ -14,11 +14,11 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import cross_products, dot_products, squared_norms, units
+from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
 from .columns import NONE, Table, columns, products
-from .triangles import to_triangles
+from .triangles import to_quads
 
 # How many times cells are quartered, and bicubic patches halved.
 QUARTERED, HALVED_TIMES = 20, 3
@@ -61,7 +61,7 @@ class Charts:
         corners = np.where(is_turned[:, None, None], np.roll(quads, -1, axis=1), quads)
         off = corners - corners[:, :1]
         along = units(off[:, 2])
-        heights = np.sqrt(squared_norms(cross_products(along[:, None], off))) * [0.0, -1.0, 0.0, 1.0]
+        heights = lengths(cross_products(along[:, None], off)) * [0.0, -1.0, 0.0, 1.0]
         places = np.stack([dot_products(off, along[:, None]), heights], axis=2)
         sides = np.roll(places, -1, axis=1) - places
         turns = sides[..., 0] * np.roll(sides, -1, axis=1)[..., 1] - sides[..., 1] * np.roll(sides, -1, axis=1)[..., 0]
@@ -74,8 +74,7 @@ class Charts:
     @property
     def folds(self) -> FloatArray:
         """(K,): the jump of the derivative across the diagonal."""
-        found: FloatArray = np.sqrt(squared_norms(self.across.sum(axis=1)))
-        return found
+        return lengths(self.across.sum(axis=1))
 
     def points(self, places: FloatArray, leaves: IndexArray) -> FloatArray:
         """(N, 4, 3): the points of the triangles of leaves (N,) at places (N, 4, 2)."""
@@ -89,9 +88,8 @@ class Charts:
         """(N, 2): about the places of the triangles' points nearest to points (N, 3); in any case places of the
         quad."""
         corners, points = columns(self.corners[leaves]), columns(points)
-        (one, at_one), (other, at_other) = (to_triangles(points, corners[some]) for some in ([0, 1, 2], [0, 2, 3]))
-        is_first = one <= other
-        off = np.where(is_first, at_one, at_other) - corners[0]
+        _, nearest, is_first = to_quads(points, corners)
+        off = nearest - corners[0]
         side, diagonal = np.where(is_first, corners[1], corners[3]) - corners[0], corners[2] - corners[0]
         a, b, c = products(side, side), products(side, diagonal), products(diagonal, diagonal)
         p, q = products(side, off), products(diagonal, off)

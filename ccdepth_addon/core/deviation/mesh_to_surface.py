@@ -10,14 +10,14 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import dot_products, squared_norms
+from ..arrays.vectors import dot_products, lengths, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, first_of_each
 from .columns import NONE, Table, columns
 from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh
-from .triangles import Triangles, distance_slack, to_triangles
+from .triangles import Triangles, distance_slack, to_quads, to_triangles
 
 # The number of parts with corners tried for reached distances, the number of corners measured then, and the relative
 # accuracy.
@@ -71,7 +71,7 @@ class Facets(Table):
             off[block] = np.sqrt((apart * apart).sum(axis=1).max(axis=1))
             tick()
         twist = corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]
-        off += np.sqrt(squared_norms(twist)) / 4 + pieces.excess[chosen]
+        off += lengths(twist) / 4 + pieces.excess[chosen]
         points = corners.swapaxes(0, 1)
         off += np.maximum(distance_slack(points[[0, 1, 2]]), distance_slack(points[[0, 2, 3]]))
         return Facets(chosen, corners, off)
@@ -80,11 +80,8 @@ class Facets(Table):
         """The distances (N,) from places (N, 3) to the nearer of a piece's triangles, and the nearest points (N, 3)."""
         found, nearest = np.empty(len(places)), np.empty((len(places), 3))
         for some in chunks(len(places), AT_ONCE):
-            corners, points = columns(self.corners[which[some]]), columns(places[some])
-            first, at_first = to_triangles(points, corners[[0, 1, 2]])
-            second, at_second = to_triangles(points, corners[[0, 2, 3]])
-            found[some] = np.minimum(first, second)
-            nearest[some] = np.where(first <= second, at_first, at_second).T
+            found[some], points, _ = to_quads(columns(places[some]), columns(self.corners[which[some]]))
+            nearest[some] = points.T
         return found, nearest
 
 
@@ -207,8 +204,8 @@ class MeshToSurface:
     def _split(self, parts: Parts) -> Parts:
         """Split the pieces that are large beside their parts, and otherwise the parts."""
         pieces = self.surface.pieces
-        sizes = np.sqrt(squared_norms(np.ptp(parts.corners, axis=1)))
-        of_leaves = np.sqrt(squared_norms(pieces.high[parts.leaves] - pieces.low[parts.leaves]))
+        sizes = lengths(np.ptp(parts.corners, axis=1))
+        of_leaves = lengths(pieces.high[parts.leaves] - pieces.low[parts.leaves])
         used = np.unique(np.concatenate([parts.leaves[of_leaves > FINE_SHARE * sizes], self.blamed]))
         self.surface.split(used[pieces.first_child[used] == NONE])
         fine = of_leaves <= COARSE_SHARE * sizes

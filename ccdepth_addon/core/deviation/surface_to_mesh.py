@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import squared_norms, units
+from ..arrays.vectors import lengths, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
 from .box_tree import first_of_each
@@ -115,7 +115,7 @@ class SurfaceToMesh:
             return
         which = self.nearest[block]
         covered = self._bound_by_heights(block, which)
-        sizes = np.sqrt(squared_norms(pieces.high[block] - pieces.low[block]))
+        sizes = lengths(pieces.high[block] - pieces.low[block])
         is_small = sizes < SMALL_FOR_ONE * self._goals(block)
         left = np.flatnonzero((self.upper[block] > self._goals(block)) & (is_small | ~covered))
         self._improve(block[left], self._by_one_triangle(block[left], which[left]), which[left])
