@@ -116,16 +116,10 @@ class BoxTree:
     def _beside(self, points: FloatArray) -> IndexArray:
         """(P,) intp: the thing next to each point (P, 3) along the curve, often the nearest thing."""
         places = np.searchsorted(self.codes, curve_codes(points, self.origin, self.step))
+        slots = np.clip(places[:, None] + np.arange(-(TRIED // 2), TRIED - TRIED // 2), 0, len(self.order) - 1)
         low, high = self.levels[0]
-        best, least = np.zeros(len(points), dtype=np.intp), np.full(len(points), np.inf)
-        for step in range(-(TRIED // 2), TRIED - TRIED // 2):
-            slots = np.clip(places + step, 0, len(self.order) - 1)
-            between = points - (low[slots] + high[slots]) / 2
-            squares = squared_norms(between)
-            nearer = squares < least
-            np.copyto(best, slots, where=nearer)
-            np.copyto(least, squares, where=nearer)
-        return self.order[best]
+        squares = squared_norms(points[:, None] - (low[slots] + high[slots]) / 2)
+        return self.order[slots[np.arange(len(points)), squares.argmin(axis=1)]]
 
 
 def first_of_each(owners: IndexArray, values: FloatArray, count: int) -> IndexArray:
