@@ -820,7 +820,7 @@ ENTRIES = [
     Entry(DEVIATION + "box_tree.BRANCHES", "2", set_to(2), DEVIATIONS),
     Entry(DEVIATION + "box_tree.BRANCHES", "32", set_to(32), DEVIATIONS),
     Entry(DEVIATION + "box_tree.TRIED", "1", set_to(1), DEVIATIONS),
-    Entry(DEVIATION + "box_tree.FAR", "all points by boxes", set_to(ALWAYS), DEVIATIONS),
+    Entry(DEVIATION + "box_tree.FAR", "no points are far", set_to(ALWAYS), DEVIATIONS),
     Entry(DEVIATION + "measure.TRIANGLES_OF_A_UNIT", "units of one level", set_to(UNLIMITED), DEVIATIONS),
     Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess always in the way", set_to(0.0), DEVIATIONS),
     Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess never in the way", set_to(ALWAYS), DEVIATIONS),

@@ -16,6 +16,8 @@ from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
 from ccdepth_addon.core.deviation.bezier_pieces import bezier_pieces
 from ccdepth_addon.core.deviation.mesh_to_surface import Facets
+from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
+from ccdepth_addon.core.deviation.triangles import Triangles
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.limit_positions import limit_positions
@@ -126,6 +128,15 @@ def test_the_surface_is_as_near_to_its_pieces_and_their_triangles_as_said(name: 
 def saddle() -> meshes.MeshData:
     """Inside, the surface is bilinear over every face: its triangles are off by all of what is said."""
     return meshes.bent(meshes.grid(5, 5), lambda x, y, _: (x, y, x * y))
+
+
+@pytest.mark.parametrize("away", [0.0, 0.3, 30.0])
+def test_the_nearest_triangle_is_found_however_far_it_is(away: float) -> None:
+    control = meshes.build(meshes.torus(9, 6))
+    mesh, places = Triangles.of(*result(control, 1, limit=True)), result(control, 2, limit=False)[0] + away
+    found = nearest_triangles(mesh, places)
+    every = [mesh.distances(places, np.full(len(places), which))[0] for which in range(mesh.count)]
+    np.testing.assert_array_equal(found.distances, np.maximum(np.transpose(every) - mesh.slack, 0).min(axis=1))
 
 
 @pytest.mark.parametrize("count", each([20, 60], [20]))

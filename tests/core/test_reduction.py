@@ -61,3 +61,16 @@ def test_a_search_can_be_stopped() -> None:
     search = Reduction(control(), at_level(3), LIMIT, no_report)
     with pytest.raises(LookupError):
         search.judge(at_level(2), stop)
+
+
+def test_a_search_can_be_stopped_while_the_surface_is_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
+    sampled = Mock(side_effect=lambda _control, _tolerance, tick, _most: tick())
+    monkeypatch.setattr("ccdepth_addon.core.reduction.search.SampledSurface", sampled)
+
+    def stop(_: float) -> None:
+        if sampled.called:
+            raise LookupError
+
+    search = Reduction(control(), at_level(3), 1.0, no_report, facet_angle=0.1)
+    with pytest.raises(LookupError):
+        search.judge(at_level(2), stop)

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, chunks, index_chunks
+from ..arrays.column import Column
 from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices, support_bounds
@@ -53,8 +53,6 @@ class NewPieces:
     coefficients: FloatArray
     middles: FloatArray
     excess: FloatArray
-    faces: IndexArray
-    units: IndexArray
     sides: IndexArray
     stores: IndexArray
     rows: IndexArray
@@ -78,18 +76,26 @@ class BezierPieces:
     or if smaller around their leaves.
     """
 
+    coefficients: FloatArray
+    excess: FloatArray
+    middles: FloatArray
+    low: FloatArray
+    high: FloatArray
+    faces: IndexArray
+    units: IndexArray
+    sides: IndexArray
+    first_child: IndexArray
+    _parents: IndexArray
+    _store: IndexArray
+    _row: IndexArray
+
     def __init__(self, units: Refinement, unit_faces: IndexArray, tick: Callable[[], None]) -> None:
         """units: quads; unit_faces: (n,) intp, the control face of each. tick: called again and again; it may raise to
         stop."""
         count = len(units.bases)
         self.unit_mesh = units.mesh if units.mesh.face_count == count else faces_alone(units.mesh, np.arange(count))
         self._tick = tick
-        self.count = 0
-        self.coefficients, self.middles = np.empty((0, 3, 16)), np.empty((0, 3))
-        self.excess, self.low, self.high = np.empty(0), np.empty((0, 3)), np.empty((0, 3))
-        self.faces = self.units = self.first_child = self._parents = np.empty(0, dtype=np.intp)
-        self._store = self._row = np.empty(0, dtype=np.intp)
-        self.sides = np.empty((0, 4), dtype=np.intp)
+        self.count, self._columns = 0, dict[str, Column]()
         self._stores: list[Refinement | Nets] = []
         self._add_units(units, unit_faces)
 
@@ -144,23 +150,25 @@ class BezierPieces:
 
     def leaves(self) -> IndexArray:
         """The pieces that are not split: they cover the surface."""
-        return np.flatnonzero(self.first_child[: self.count] == NONE)
+        return np.flatnonzero(self.first_child == NONE)
+
+    def children(self, parents: IndexArray) -> IndexArray:
+        """(n, 4) intp: the children of parents (n,)."""
+        return self.first_child[parents][:, None] + np.arange(4)
 
     def leaves_of(self, owners: IndexArray, pieces: IndexArray) -> tuple[IndexArray, IndexArray]:
         """The leaves of pieces (K,), each with its owner (K,)."""
         found = []
         while len(pieces):
-            first = self.first_child[pieces]
-            is_leaf = first == NONE
+            is_leaf = self.first_child[pieces] == NONE
             found.append((owners[is_leaf], pieces[is_leaf]))
-            owners = np.repeat(owners[~is_leaf], 4)
-            pieces = (first[~is_leaf][:, None] + np.arange(4)).ravel()
+            owners, pieces = np.repeat(owners[~is_leaf], 4), self.children(pieces[~is_leaf]).ravel()
         return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
 
     def split(self, pieces: IndexArray) -> IndexArray:
         """(4n,) intp: the four children of each of n leaves, not in the order of the leaves."""
         bicubic = pieces[self._store[pieces] == NONE]
-        made = [self._add(_quarters(self, block), block) for block in index_chunks(bicubic, AT_ONCE)]
+        made = [self._add_children(_quarters(self, block), block) for block in index_chunks(bicubic, AT_ONCE)]
         others = pieces[self._store[pieces] != NONE]
         for number in np.unique(self._store[others]).tolist():
             store, chosen = self._stores[number], others[self._store[others] == number]
@@ -170,7 +178,8 @@ class BezierPieces:
 
     def _add_units(self, refinement: Refinement, unit_faces: IndexArray) -> None:
         units = np.arange(self.unit_count)
-        self._add_descendants(refinement, unit_faces, units, self.unit_mesh.corner_edges.reshape(-1, 4), None)
+        new = self._descendants(refinement, self.unit_mesh.corner_edges.reshape(-1, 4))
+        self._add(new, unit_faces, units, np.full(len(units), NONE))
         # Most of these have several extraordinary corners, and their children one each.
         self.split(units[self.is_bilinear(units)])
 
@@ -180,8 +189,7 @@ class BezierPieces:
         wanted = np.zeros(len(refinement.bases), dtype=bool)
         wanted[self._row[pieces]] = True
         children = refinement.keep(wanted).refined()
-        faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
-        return self._add_descendants(children, faces, units, self._sides_of_children(pieces), pieces)
+        return self._add_children(self._descendants(children, self._sides_of_children(pieces)), pieces)
 
     def _divide(self, store: Nets, pieces: IndexArray) -> IndexArray:
         """The children of extraordinary patches of one valence: an extraordinary one at corner 0, and regular ones."""
@@ -196,9 +204,8 @@ class BezierPieces:
         stores, rows = np.full(count, NONE), np.full(count, NONE)
         stores[::4], rows[::4] = len(self._stores), np.arange(len(pieces))
         self._stores.append(Nets(store.valence, refined))
-        faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
         sides = self._sides_of_children(pieces)
-        return self._add(NewPieces(coefficients, middles, excess, faces, units, sides, stores, rows), pieces)
+        return self._add_children(NewPieces(coefficients, middles, excess, sides, stores, rows), pieces)
 
     def _sides_of_children(self, pieces: IndexArray) -> IndexArray:
         """(4n, 4): the sides of children. Corner 0 of the child at corner c is that corner: side 0 of the child lies on
@@ -212,21 +219,15 @@ class BezierPieces:
     def _tighten(self, parents: IndexArray) -> None:
         """Shrink the boxes of parents to those of their children, up to the units."""
         while len(parents):
-            children = self.first_child[parents][:, None] + np.arange(4)
+            children = self.children(parents)
             self.low[parents] = np.maximum(self.low[parents], self.low[children].min(axis=1))
             self.high[parents] = np.minimum(self.high[parents], self.high[children].max(axis=1))
             parents = np.unique(self._parents[parents])
             parents = parents[parents != NONE]
 
-    def _add_descendants(
-        self,
-        refinement: Refinement,
-        faces: IndexArray,
-        units: IndexArray,
-        sides: IndexArray,
-        parents: IndexArray | None,
-    ) -> IndexArray:
-        count, mesh = len(faces), refinement.mesh
+    def _descendants(self, refinement: Refinement, sides: IndexArray) -> NewPieces:
+        """The first faces of a refinement, one for each row of sides (n, 4), as pieces."""
+        count, mesh = len(sides), refinement.mesh
         kinds = classify_patches(mesh)
         regular, extraordinary, others = by_valence(mesh, kinds, count, LARGEST_VALENCE)
         coefficients, middles, excess = np.empty((count, 3, 16)), np.empty((count, 3)), np.zeros(count)
@@ -255,32 +256,36 @@ class BezierPieces:
             self._tick()
         plain = np.concatenate([regular, others])
         middles[plain] = coefficients[plain] @ MIDDLE
-        return self._add(NewPieces(coefficients, middles, excess, faces, units, sides, stores, rows), parents)
+        return NewPieces(coefficients, middles, excess, sides, stores, rows)
 
-    def _add(self, new: NewPieces, parents: IndexArray | None) -> IndexArray:
-        """Append pieces, four for each parent."""
+    def _add_children(self, new: NewPieces, parents: IndexArray) -> IndexArray:
+        """Append four pieces for each parent."""
+        self.first_child[parents] = self.count + 4 * np.arange(len(parents))
+        faces, units, parents = (np.repeat(each, 4) for each in (self.faces[parents], self.units[parents], parents))
+        return self._add(new, faces, units, parents)
+
+    def _add(self, new: NewPieces, faces: IndexArray, units: IndexArray, parents: IndexArray) -> IndexArray:
         self._tick()
-        first, count = self.count, len(new.excess)
-        if parents is not None:
-            self.first_child[parents] = first + 4 * np.arange(len(parents))
-        self.count += count
         columns = {
             "coefficients": new.coefficients,
             "middles": new.middles,
             "excess": new.excess,
             "low": new.coefficients.min(axis=2) - new.excess[:, None],
             "high": new.coefficients.max(axis=2) + new.excess[:, None],
-            "faces": new.faces,
-            "units": new.units,
-            "first_child": np.full(count, NONE),
-            "_parents": np.full(count, NONE) if parents is None else np.repeat(parents, 4),
+            "faces": faces,
+            "units": units,
+            "first_child": np.full(len(faces), NONE),
+            "_parents": parents,
             "sides": new.sides,
             "_store": new.stores,
             "_row": new.rows,
         }
         for name, values in columns.items():
-            setattr(self, name, _appended(getattr(self, name), first, values))
-        return first + np.arange(count)
+            column = self._columns.setdefault(name, Column(values[:0]))
+            column.append(values)
+            setattr(self, name, column.values)
+        self.count += len(faces)
+        return np.arange(self.count - len(faces), self.count)
 
 
 def bezier_pieces(control: PolygonMesh, units_wanted: int, tick: Callable[[], None]) -> BezierPieces:
@@ -317,17 +322,5 @@ def _bernstein(nets: FloatArray) -> FloatArray:
 def _quarters(pieces: BezierPieces, parents: IndexArray) -> NewPieces:
     coefficients = np.matmul(pieces.coefficients[parents][:, None], QUARTERS.swapaxes(1, 2)).reshape(-1, 3, 16)
     sides = np.where(QUARTER_SIDES, pieces.sides[parents][:, None], NONE).reshape(-1, 4)
-    excess, faces, units = (np.repeat(array[parents], 4) for array in (pieces.excess, pieces.faces, pieces.units))
-    none = np.full(len(faces), NONE)
-    return NewPieces(coefficients, coefficients @ MIDDLE, excess, faces, units, sides, none, none)
-
-
-def _appended(column: NDArray, count: int, values: NDArray) -> NDArray:
-    """The column with values put after its first ``count`` rows; it grows by half, so that little is copied."""
-    needed = count + len(values)
-    if needed > len(column):
-        grown = np.empty((max(needed, len(column) * 3 // 2), *column.shape[1:]), dtype=column.dtype)
-        grown[:count] = column[:count]
-        column = grown
-    column[count:needed] = values
-    return column
+    none = np.full(len(sides), NONE)
+    return NewPieces(coefficients, coefficients @ MIDDLE, np.repeat(pieces.excess[parents], 4), sides, none, none)

@@ -3,21 +3,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.chunks import index_chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import squared_norms
+from ..arrays.vectors import lengths, squared_norms
+from .columns import columns, products
+
+# Of points (n, 3) and things (n,), the largest distances (n,) that the things can have.
+Bounds = Callable[[FloatArray, IndexArray], FloatArray]
 
 BRANCHES = 8
 
 # The number of things beside a point along the curve whose middles are tried as the nearest.
 TRIED = 6
 
-# Points farther than ``FAR`` times the usual size of the first ``SEEN`` boxes are handled one by one.
+# Points are far beyond this many times the usual size of boxes, which the first ``SEEN`` tell.
 FAR, SEEN = 4.0, 1 << 12
+
+# The number of points that go down the tree together: with their boxes they stay in the processor's caches.
+POINTS_AT_ONCE = 1 << 9
+
+# One of this many far points along the curve is the leader of the others.
+FOLLOWERS = 8
+
+# The relative rounding of coordinates: more than the error of a box and a distance.
+ROUNDINGS = 2.0**-48
 
 # Steps along each axis of the curve.
 CURVE_BITS = 20
@@ -39,9 +55,7 @@ class BoxTree:
     def around(low: FloatArray, high: FloatArray) -> BoxTree:
         """The tree of boxes. low, high: (N, 3) float64, at least one box."""
         centres = (low + high) / 2
-        origin = centres.min(axis=0)
-        extent = float(np.ptp(centres, axis=0).max())
-        step = (extent if extent > 0 else 1.0) / ((1 << CURVE_BITS) - 1)
+        origin, step = cells_around(centres)
         codes = curve_codes(centres, origin, step)
         order = np.argsort(codes, kind="stable")
         levels = [(low[order], high[order])]
@@ -51,53 +65,71 @@ class BoxTree:
             levels.append((np.minimum.reduceat(below[0], starts), np.maximum.reduceat(below[1], starts)))
         return BoxTree(order, codes[order], levels, origin, step)
 
-    def beside(self, points: FloatArray) -> IndexArray:
-        """(P,) intp: the thing next to each point (P, 3) along the curve, often the nearest thing."""
-        places = np.searchsorted(self.codes, curve_codes(points, self.origin, self.step))
+    @cached_property
+    def size(self) -> float:
+        """The usual size of a box."""
         low, high = self.levels[0]
-        best, least = np.zeros(len(points), dtype=np.intp), np.full(len(points), np.inf)
-        for step in range(-(TRIED // 2), TRIED - TRIED // 2):
-            slots = np.clip(places + step, 0, len(self.order) - 1)
-            between = points - (low[slots] + high[slots]) / 2
-            squares = squared_norms(between)
-            nearer = squares < least
-            np.copyto(best, slots, where=nearer)
-            np.copyto(least, squares, where=nearer)
-        return self.order[best]
+        return float(np.median(lengths(high[:SEEN] - low[:SEEN])))
+
+    @cached_property
+    def _blocks(self) -> list[FloatArray]:
+        """Of each level (6, BRANCHES, n): the corners low and high of each node's boxes, infinitely far if missing."""
+        found = []
+        for low, high in self.levels:
+            boxes = np.full((-len(low) % BRANCHES + len(low), 6), np.inf)
+            boxes[: len(low)] = np.concatenate([low, high], axis=1)
+            found.append(np.ascontiguousarray(boxes.reshape(-1, BRANCHES, 6).T))
+        return found
+
+    def near(self, points: FloatArray, bounds: Bounds) -> tuple[IndexArray, IndexArray]:
+        """(K,) intp twice: points (P, 3), ascending, and things, among them every possible nearest thing."""
+        return self.within(points, self._reach(points, bounds))
 
     def within(self, points: FloatArray, reach: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """(K,) intp twice: points (P, 3) and all things with boxes as near to them as the nearest thing can be. reach:
-        (P,), the largest distance of the nearest thing. For far points a box of that size would hold too much."""
-        squares = reach * reach
-        owners, nodes = (axis.ravel() for axis in np.indices((len(points), len(self.levels[-1][0]))))
-        for height in range(len(self.levels) - 1, -1, -1):
-            low, high = self.levels[height]
-            below, above = low[nodes] - points[owners], points[owners] - high[nodes]
-            least = squared_norms(np.maximum(np.maximum(below, above), 0.0))
-            # Every box has something in it.
-            most = squared_norms(np.maximum(np.abs(below), np.abs(above))) * (1 + 1e-12)
-            np.minimum.at(squares, owners, most)
-            fits = least <= squares[owners]
-            owners, nodes = owners[fits], nodes[fits]
-            if height:
-                nodes, owners = _children(nodes, owners, len(self.levels[height - 1][0]))
-        return owners, self.order[nodes]
-
-    def near(self, points: FloatArray, reach: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """(K,) intp twice: points (P, 3) and things, among them every possible nearest thing. reach: (P,), the largest
-        distance of the nearest thing."""
-        low, high = self.levels[0]
-        is_far = reach > FAR * np.median(np.sqrt(squared_norms(high[:SEEN] - low[:SEEN])))
-        far, close = np.flatnonzero(is_far), np.flatnonzero(~is_far)
-        found = [(far[:0], far[:0])]
-        if len(close):
-            places, sizes = points[close], reach[close][:, None]
-            owners, things = overlapping(BoxTree.around(places - sizes, places + sizes), self)
-            found.append((close[owners], things))
-        if len(far):
-            owners, things = self.within(points[far], reach[far])
-            found.append((far[owners], things))
+        """(K,) intp twice: points (P, 3), ascending, and all things with boxes in reach (P,) of these."""
+        found = [(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))]
+        for some in index_chunks(np.arange(len(points)), POINTS_AT_ONCE):
+            owners, nodes, places, squares = some, np.zeros_like(some), columns(points[some]), reach[some] ** 2
+            for blocks in reversed(self._blocks):
+                boxes, at = blocks.take(nodes, axis=2), places.take(owners - some[0], axis=1)[:, None]
+                apart = np.maximum(boxes[:3] - at, at - boxes[3:])
+                apart = np.maximum(apart, 0.0, out=apart).swapaxes(0, 1)
+                rows, child = np.nonzero((products(apart, apart) <= squares[owners - some[0]]).T)
+                owners, nodes = owners[rows], BRANCHES * nodes[rows] + child
+            found.append((owners, self.order[nodes]))
         return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
+
+    def _reach(self, points: FloatArray, bounds: Bounds) -> FloatArray:
+        """(P,): how far the nearest thing of each point (P, 3) can be: at most as far as a thing beside the point along
+        the curve, and for far points, where any but the nearest leaves many others, as the one nearest to a leader."""
+        found = bounds(points, self._beside(points))
+        far = np.flatnonzero(found > FAR * self.size)
+        if len(far) > FOLLOWERS:
+            far = far[np.argsort(curve_codes(points[far], *cells_around(points[far])), kind="stable")]
+            leaders = points[far[::FOLLOWERS]]
+            owners, things = self.near(leaders, bounds)
+            nearest = things[first_of_each(owners, bounds(leaders[owners], things), len(leaders))]
+            found[far] = np.minimum(found[far], bounds(points[far], np.repeat(nearest, FOLLOWERS)[: len(far)]))
+        # The nearest thing has to be in reach, whatever the rounding of boxes and distances.
+        return found * (1 + 1e-12) + ROUNDINGS * np.abs(points).max(initial=0.0) + np.finfo(float).tiny
+
+    def _beside(self, points: FloatArray) -> IndexArray:
+        """(P,) intp: the thing next to each point (P, 3) along the curve, often the nearest thing."""
+        places = np.searchsorted(self.codes, curve_codes(points, self.origin, self.step))
+        slots = np.clip(places[:, None] + np.arange(-(TRIED // 2), TRIED - TRIED // 2), 0, len(self.order) - 1)
+        low, high = self.levels[0]
+        squares = squared_norms(points[:, None] - (low[slots] + high[slots]) / 2)
+        return self.order[slots[np.arange(len(points)), squares.argmin(axis=1)]]
+
+
+def first_of_each(owners: IndexArray, values: FloatArray, count: int) -> IndexArray:
+    """(count,) intp: the index of the least value of each owner; every owner has one."""
+    least = np.full(count, np.inf)
+    np.minimum.at(least, owners, values)
+    found, which = np.empty(count, dtype=np.intp), np.flatnonzero(values == least[owners])
+    # The first of several equal values comes last here.
+    found[owners[which[::-1]]] = which[::-1]
+    return found
 
 
 def overlapping(first: BoxTree, second: BoxTree) -> tuple[IndexArray, IndexArray]:
@@ -136,6 +168,12 @@ def _children(parents: IndexArray, others: IndexArray, count: int) -> tuple[Inde
     children = (BRANCHES * parents[:, None] + np.arange(BRANCHES)).ravel()
     there = children < count
     return children[there], np.repeat(others, BRANCHES)[there]
+
+
+def cells_around(points: FloatArray) -> tuple[FloatArray, float]:
+    """The origin (3,) and the step of cells of the curve around points (P, 3)."""
+    extent = float(np.ptp(points, axis=0).max())
+    return points.min(axis=0), (extent if extent > 0 else 1.0) / ((1 << CURVE_BITS) - 1)
 
 
 def curve_codes(points: FloatArray, origin: FloatArray, step: float) -> NDArray[np.uint64]:

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sets that grow by the neighbours of their latest members, and functionals of many points at once, one column each."""
+"""Tables of things, pairs that spread to neighbours, and functionals of many points at once, one column each."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
 
@@ -11,14 +15,59 @@ from ..arrays.types import FloatArray, IndexArray
 NONE = -1
 
 
-def unknown(wanted: IndexArray, known: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """The unknown among the wanted keys (W,), each once, ascending, and all keys known then. known: (K,) intp,
-    ascending, at least one."""
-    wanted = np.unique(wanted)
-    places = np.minimum(np.searchsorted(known, wanted), len(known) - 1)
-    new = wanted[known[places] != wanted]
-    # A stable sort merges two ascending runs.
-    return new, np.sort(np.concatenate([known, new]), kind="stable")
+@dataclass(frozen=True)
+class Table:
+    """N things with arrays of their properties, or tables in turn. AXIS: of the things in all arrays."""
+
+    AXIS: ClassVar[int] = 0
+
+    def at(self, chosen: NDArray[Any]) -> Self:
+        """Chosen things, by index or (N,) bool."""
+        chosen = np.flatnonzero(chosen) if chosen.dtype == bool else chosen
+        return replace(
+            self,
+            **{
+                name: each.at(chosen) if isinstance(each, Table) else each.take(chosen, axis=self.AXIS)
+                for name, each in vars(self).items()
+            },
+        )
+
+    def joined(self, others: list[Self]) -> Self:
+        """These things and then those of others."""
+        columns = {name: [vars(each)[name] for each in [self, *others]] for name in vars(self)}
+        return replace(
+            self,
+            **{
+                name: parts[0].joined(parts[1:]) if isinstance(parts[0], Table) else np.concatenate(parts, self.AXIS)
+                for name, parts in columns.items()
+            },
+        )
+
+
+@dataclass(frozen=True)
+class ColumnTable(Table):
+    """N things, the last axis of all arrays."""
+
+    AXIS = -1
+
+
+class Spread:
+    """Pairs of owners and things that spread from things to their neighbours. owners, things: (K,) intp, the latest
+    pairs, each new, ascending."""
+
+    def __init__(self, owners: IndexArray, things: IndexArray, count: int) -> None:
+        """count: of all things."""
+        self._count, self._known = count, np.array([NONE])
+        self.go_on(owners, things)
+
+    def go_on(self, owners: IndexArray, things: IndexArray) -> None:
+        """Go on to those of the pairs (K,) that are new."""
+        wanted = np.unique(owners * self._count + things)
+        places = np.minimum(np.searchsorted(self._known, wanted), len(self._known) - 1)
+        new = wanted[self._known[places] != wanted]
+        # A stable sort merges two ascending runs.
+        self._known = np.sort(np.concatenate([self._known, new]), kind="stable")
+        self.owners, self.things = np.divmod(new, self._count)
 
 
 def columns(rows: FloatArray) -> FloatArray:

@@ -15,8 +15,8 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import SIDES, BezierPieces
-from .columns import NONE, applied, columns, products, unknown
-from .heights import SideViews, Views, axes_across, plane_functionals
+from .columns import NONE, ColumnTable, Spread, applied, columns, products
+from .heights import SideViews, Views, axes_across, largest_of_each, plane_functionals
 from .windings import facing, windings
 
 # The place in a triangle where covering is counted: asymmetric weights of the corners.
@@ -43,7 +43,7 @@ MOVED_MORE = 1.02
 
 
 @dataclass(frozen=True)
-class Regions:
+class Regions(ColumnTable):
     """n parts of triangles as seen along directions. corners: (3, 3, n), each with its coordinates; normals: (3, n), of
     their triangles. directions: (3, n). sides: of the regions, which contain the parts before and after moving. axes:
     (2, 3, n), across. places: (3, n), where covering is counted. towards: (2, n), the direction across in which parts
@@ -70,11 +70,6 @@ class Regions:
     @property
     def count(self) -> int:
         return len(self.moved)
-
-    def at(self, chosen: IndexArray) -> Regions:
-        """Chosen regions, by index."""
-        rest = {name: column.take(chosen, axis=-1) for name, column in vars(self).items() if name != "sides"}
-        return Regions(sides=self.sides.at(chosen), **rest)
 
     def move(self, towards: FloatArray, moved: FloatArray) -> Regions:
         """The regions with their parts moved along directions (2, n) by distances (n,)."""
@@ -104,7 +99,7 @@ class Regions:
 
 
 @dataclass(frozen=True)
-class Over:
+class Over(ColumnTable):
     """K leaves over parts. owners, leaves: (K,) intp. inside: (3, 16, K), distances inside the sides; heights: (16, K);
     across: (2, 16, K), from the place where covering is counted; excess: (K,)."""
 
@@ -114,15 +109,6 @@ class Over:
     heights: FloatArray
     across: FloatArray
     excess: FloatArray
-
-    def at(self, chosen: IndexArray) -> Over:
-        """Chosen leaves, by index."""
-        return Over(*(column.take(chosen, axis=-1) for column in vars(self).values()))
-
-    @staticmethod
-    def joined(parts: list[Over]) -> Over:
-        """Leaves over several parts, one after the other."""
-        return Over(*(np.concatenate([vars(part)[name] for part in parts], axis=-1) for name in vars(parts[0])))
 
 
 @dataclass(frozen=True)
@@ -189,42 +175,39 @@ def _covering(
     functionals = np.concatenate([regions.sides.inward, plane[None], regions.axes])
     constants = np.concatenate([regions.sides.offsets, offsets[None], -products(regions.axes, regions.places)])
     outline = regions.outline()
-    keys = _first_units(pieces, regions.sides, first, goals, margin)
+    owners, units = _first_units(pieces, regions.sides, first, goals, margin)
     has_partners = np.zeros(regions.count, dtype=bool)
-    has_partners[keys // pieces.unit_count] = True
-    known, found, borders, alone, at = keys, [], [], [], 0
+    has_partners[owners] = True
+    spread, found, borders, count = Spread(owners, units, pieces.unit_count), [], [], 0
     for _ in range(MOST_UNITS_ACROSS):
-        owners, leaves = _leaves_over(
-            pieces, regions.sides, keys // pieces.unit_count, keys % pieces.unit_count, margin
-        )
-        if regions.count > 1 and at + len(owners) > LEAVES_OVER_AT_ONCE:
+        owners, leaves = _leaves_over(pieces, regions.sides, spread.owners, spread.things, margin)
+        if regions.count > 1 and count + len(owners) > LEAVES_OVER_AT_ONCE:
             return None
         over = _seen(pieces, owners, leaves, functionals, constants, margin)
-        over = over.at(np.flatnonzero(_may_overlap(over, outline, margin)))
+        over = over.at(_may_overlap(over, outline, margin))
         rows, which = _unit_sides_over(pieces, over, outline, margin)
         owners, leaves = over.owners[rows], over.leaves[rows]
-        edges, units = pieces.sides[leaves, which], pieces.units[leaves]
-        is_border = pieces.unit_mesh.edge_face_counts[edges] == 1
-        is_paired = pieces.unit_mesh.edge_face_counts[edges] == 2
+        edges = pieces.sides[leaves, which]
+        units_there = pieces.unit_mesh.edge_face_counts[edges]
+        is_border, is_paired = units_there == 1, units_there == 2
         found.append(over)
-        borders.append((rows[is_border] + at, which[is_border]))
-        at += len(over.owners)
-        alone.append(owners[~is_border & ~is_paired])
-        beyond = (pieces.edge_units[edges].sum(axis=1) - units)[is_paired]
-        keys, known = unknown(owners[is_paired] * pieces.unit_count + beyond, known)
-        if not len(keys):
+        borders.append(np.stack([rows[is_border] + count, which[is_border]]))
+        count += len(over.owners)
+        has_partners[owners[~is_border & ~is_paired]] = False
+        beyond = pieces.edge_units[edges].sum(axis=1) - pieces.units[leaves]
+        spread.go_on(owners[is_paired], beyond[is_paired])
+        if not len(spread.owners):
             break
-    has_partners[np.concatenate([*alone, keys // pieces.unit_count])] = False
-    rows, which = (np.concatenate(column) for column in zip(*borders, strict=True))
-    return Covering(Over.joined(found), has_partners, (rows, which))
+    has_partners[spread.owners] = False
+    rows, which = np.concatenate(borders, axis=1)
+    return Covering(found[0].joined(found[1:]), has_partners, (rows, which))
 
 
 def _first_units(
     pieces: BezierPieces, sides: SideViews, first: IndexArray, goals: FloatArray, margin: float
-) -> IndexArray:
-    """Keys of regions and units, ascending, to begin with: a unit near each region (n,), and all units around a vertex
-    of it that lies over the region, or nearer than the goals (n,), if these are many. No unit where too many would be
-    needed."""
+) -> tuple[IndexArray, IndexArray]:
+    """Pairs of regions and units to begin with: a unit near each region (n,), and all units around a vertex of it that
+    lies over the region, or nearer than the goals (n,), if these are many. No unit where too many would be needed."""
     mesh = pieces.unit_mesh
     vertices = mesh.corner_vertices.reshape(-1, 4)[first]
     counts = mesh.vertex_face_counts[vertices]
@@ -235,8 +218,7 @@ def _first_units(
     regions = np.flatnonzero((inside < -margin) | (most <= MOST_UNITS_AROUND))
     around = np.flatnonzero((inside >= -goals) & (most > MOST_UNITS_ACROSS) & (most <= MOST_UNITS_AROUND))
     owners, units = pieces.units_at(vertices[around, corners[around]])
-    keys = np.concatenate([regions, around[owners]]) * pieces.unit_count
-    return np.unique(keys + np.concatenate([first[regions], units]))
+    return np.concatenate([regions, around[owners]]), np.concatenate([first[regions], units])
 
 
 def _seen(
@@ -312,12 +294,7 @@ def _heights(
         steepness=steepness[owners],
         unevenness=unevenness[owners],
     )
-    # Uncovered parts need no clipping.
-    found = views.largest_heights(np.where(is_used, goals[owners], np.inf), margin)
-    upper, worst = np.where(covered, 0.0, np.inf), np.full(len(goals), NONE)
-    np.maximum.at(upper, owners, found)
-    at_most = is_used & (found == upper[owners])
-    worst[owners[at_most]] = leaves[at_most]
+    upper, worst, found = largest_of_each(views, owners, leaves, covered, goals, margin)
     too_much = is_used & (over.excess > EXCESS_SHARE * goals[owners]) & (found > goals[owners])
     return upper, worst, np.concatenate([blamed, leaves[too_much]])
 
@@ -370,11 +347,9 @@ def _leaves_over(
         inside = over.offsets + products(over.inward, middle) + products(np.abs(over.inward), half)
         is_over = (inside >= -margin).all(axis=0)
         owners, nodes = owners[is_over], nodes[is_over]
-        first = pieces.first_child[nodes]
-        is_leaf = first == NONE
+        is_leaf = pieces.first_child[nodes] == NONE
         found.append((owners[is_leaf], nodes[is_leaf]))
-        owners = np.repeat(owners[~is_leaf], 4)
-        nodes = (first[~is_leaf][:, None] + np.arange(4)).ravel()
+        owners, nodes = np.repeat(owners[~is_leaf], 4), pieces.children(nodes[~is_leaf]).ravel()
     return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
 
 
@@ -386,13 +361,13 @@ def _winds_once(over: Over, count: int, margin: float) -> BoolArray:
 def _sheets(pieces: BezierPieces, over: Over, wanted: BoolArray, margin: float) -> Iterator[tuple[Over, BoolArray]]:
     """The leaves that face along the direction, and then those against it, over wanted (n,) regions without other
     leaves; each with (n,) bool, whether the leaves cover the region. docs/deviation.md, Sheets."""
-    over = over.at(np.flatnonzero(wanted[over.owners]))
+    over = over.at(wanted[over.owners])
     faces = facing(over.across, over.excess, margin)
     sides = pieces.sides[over.leaves]
     joins = ((sides == NONE) | pieces.is_smooth_edge[sides]).all(axis=1)
     is_known = wanted.copy()
     is_known[over.owners[(faces == 0) | ~joins]] = False
     for way in (1, -1):
-        sheet = over.at(np.flatnonzero((faces == way) & is_known[over.owners]))
+        sheet = over.at((faces == way) & is_known[over.owners])
         wound = windings(sheet.owners, sheet.across, sheet.excess, len(wanted), margin)
         yield sheet, is_known & (wound != 0)

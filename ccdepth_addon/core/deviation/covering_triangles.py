@@ -15,8 +15,8 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
-from .columns import NONE, applied, columns, unknown
-from .heights import SideViews, Views, axes_across, plane_functionals
+from .columns import NONE, ColumnTable, Spread, applied, columns
+from .heights import SideViews, Views, axes_across, largest_of_each, plane_functionals
 from .triangles import Triangles
 
 # The place in a region where covering is counted: asymmetric weights of the corners.
@@ -29,7 +29,7 @@ MOST_TRIANGLES_ACROSS = 12
 @dataclass(frozen=True)
 class Seen:
     """n pieces as seen along directions. coefficients: (3, 16, n); directions: (3, n); axes: (2, 3, n), across; across:
-    (2, 16, n), the coefficients there; low, high: (2, n), their bounds; excess: (n,), rounding included."""
+    (2, 16, n), the coefficients there; low, high: (2, n), bounds of the pieces there; excess: (n,), of the pieces."""
 
     coefficients: FloatArray
     directions: FloatArray
@@ -45,24 +45,20 @@ class Seen:
         coefficients, along = columns(pieces.coefficients[block]), columns(directions)
         axes = axes_across(along, coefficients[:, CORNERS[1]] - coefficients[:, CORNERS[0]])
         across = applied(axes, coefficients)
-        excess = pieces.excess[block] + margin
-        low, high = across.min(axis=1) - excess, across.max(axis=1) + excess
+        excess = pieces.excess[block]
+        low, high = across.min(axis=1) - (excess + margin), across.max(axis=1) + (excess + margin)
         return Seen(coefficients, along, axes, across, low, high, excess)
 
 
 @dataclass(frozen=True)
-class Under:
-    """K triangles under pieces. owners, which: (K,) intp; meets: (3, K) bool, the sides that may lie under the piece;
-    values: (4, 16, K), the distances inside each side, and the heights; inward: (3, 2, K), the sides' directions
-    across; steepness, unevenness: (K,)."""
+class Under(ColumnTable):
+    """K triangles under pieces. owners, which: (K,) intp, the pieces and the triangles; meets: (3, K) bool, the sides
+    that may lie under the piece; views: of the pieces over the triangles."""
 
     owners: IndexArray
     which: IndexArray
     meets: BoolArray
-    values: FloatArray
-    inward: FloatArray
-    steepness: FloatArray
-    unevenness: FloatArray
+    views: Views
 
 
 def over_triangles(
@@ -80,58 +76,38 @@ def over_triangles(
     block: (n,) intp, the pieces; directions: (n, 3), unit vectors; first: (n,) intp, a triangle near each, to begin
     with. goals: (n,), bounds below the goals are as good. margin: the rounding allowance.
     """
-    count = len(block)
-    upper, worst = np.full(count, np.inf), np.zeros(count, dtype=np.intp)
-    if not count:
-        return upper, worst
+    if not len(block):
+        return np.zeros(0), np.zeros(0, dtype=np.intp)
     seen = Seen.of(pieces, block, directions, margin)
     found, covered = _triangles_under(seen, mesh, first, margin)
-    owners = np.concatenate([part.owners for part in found])
-    inside = np.concatenate([np.einsum("c,scn->sn", PLACE_IN_QUAD, part.values[:3, CORNERS]) for part in found], axis=1)
-    covered &= _are_odd(owners, inside, count, margin)
-    upper[covered] = 0.0
-    # Uncovered pieces need no clipping.
-    goals = np.where(covered, goals, np.inf)
-    corners, excess = seen.across[:, CORNERS], pieces.excess[block]
-    for part in found:
-        owners, which = part.owners, part.which
-        views = Views(
-            inside=part.values[:3],
-            heights=part.values[3],
-            inward=part.inward,
-            places=corners.take(owners, axis=2),
-            excess=excess[owners],
-            steepness=part.steepness,
-            unevenness=part.unevenness,
-        )
-        heights = views.largest_heights(goals[owners], margin)
-        heights[(mesh.thickness[which] > 0) & (mesh.thickness[which] <= margin)] = 0.0
-        before = upper.copy()
-        np.maximum.at(upper, owners, heights)
-        at_most = (heights == upper[owners]) & (heights > before[owners])
-        worst[owners[at_most]] = which[at_most]
+    owners = np.concatenate([under.owners for under in found])
+    inside = [np.einsum("c,scn->sn", PLACE_IN_QUAD, under.views.inside[:, CORNERS]) for under in found]
+    covered &= _are_odd(owners, np.concatenate(inside, axis=1), len(block), margin)
+    upper, worst = np.where(covered, 0.0, np.inf), first
+    for under in found:
+        heights, which, _ = largest_of_each(under.views, under.owners, under.which, covered, goals, margin)
+        worst = np.where(heights > upper, which, worst)
+        upper = np.maximum(upper, heights)
     return upper, worst
 
 
 def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: float) -> tuple[list[Under], BoolArray]:
     """The triangles under pieces: the first triangles (n,) and all triangles connected to them by sides that may lie
     under the pieces; (n,) bool, whether every such side has exactly one triangle beyond."""
-    keys = np.arange(len(first)) * mesh.count + first
-    known, found = keys, []
+    spread, found = Spread(np.arange(len(first)), first, mesh.count), []
     covered = np.ones(len(first), dtype=bool)
     for _ in range(MOST_TRIANGLES_ACROSS):
-        part = _under(seen, mesh, keys // mesh.count, keys % mesh.count, margin)
+        part = _under(seen, mesh, spread.owners, spread.things, margin)
         found.append(part)
         sides, rows = np.nonzero(part.meets)
-        which, owners = part.which[rows], part.owners[rows]
-        beyond = mesh.beyond[sides, which]
+        owners, beyond = part.owners[rows], mesh.beyond[sides, part.which[rows]]
         covered[owners[beyond == NONE]] = False
         # Uncovered pieces need nothing more.
         going = covered[owners]
-        keys, known = unknown((owners * mesh.count + beyond)[going], known)
-        if not len(keys):
+        spread.go_on(owners[going], beyond[going])
+        if not len(spread.owners):
             break
-    covered[keys // mesh.count] = False
+    covered[spread.owners] = False
     return found, covered
 
 
@@ -148,15 +124,23 @@ def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, m
     values = applied(np.concatenate([sides.inward, plane[None]]), seen.coefficients.take(owners, axis=2))
     values[:3] += sides.offsets[:, None]
     values[3] += offsets
-    excess = seen.excess[owners]
+    excess = seen.excess[owners] + margin
     meets = (values[:3].min(axis=1) <= excess) & ~beside
     is_apart = (below.all(axis=1) | above.all(axis=1)).any(axis=0) | (values[:3].max(axis=1) < -excess).any(axis=0)
-    inward = applied(axes, sides.inward.swapaxes(0, 1)).swapaxes(0, 1)
-    under = Under(owners, which, meets, values, inward, steepness, unevenness)
-    if not is_apart.any():
-        return under
-    over = np.flatnonzero(~is_apart)
-    return Under(*(column.take(over, axis=-1) for column in vars(under).values()))
+    # Points over a triangle thinner than the margin are within few margins of others.
+    thin = np.flatnonzero((mesh.thickness[which] > 0) & (mesh.thickness[which] <= margin))
+    values[3][:, thin] = steepness[thin] = 0.0
+    views = Views(
+        inside=values[:3],
+        heights=values[3],
+        inward=applied(axes, sides.inward.swapaxes(0, 1)).swapaxes(0, 1),
+        places=seen.across[:, CORNERS].take(owners, axis=2),
+        excess=seen.excess[owners],
+        steepness=steepness,
+        unevenness=unevenness,
+    )
+    under = Under(owners, which, meets, views)
+    return under.at(~is_apart) if is_apart.any() else under
 
 
 def _are_odd(owners: IndexArray, inside: FloatArray, count: int, margin: float) -> BoolArray:

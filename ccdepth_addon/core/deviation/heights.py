@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays.types import FloatArray, IndexArray
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import CORNERS
-from .columns import crosses, products
+from .columns import NONE, ColumnTable, crosses, products
 
 # A side of a triangle has no side to speak of when it is seen at less than this sine.
 STEEP = 1e-3
@@ -31,7 +31,7 @@ PAIRS_OF_SIDES = ((0, 1), (1, 2), (2, 0))
 
 
 @dataclass(frozen=True)
-class SideViews:
+class SideViews(ColumnTable):
     """N triangles seen along directions. inward: (3, 3, N), for each side a unit vector across the direction, inwards;
     zero where a side is seen end on, or the third corner lies too near its line. offsets: (3, N); ``inward · x +
     offsets`` is the distance of x inside."""
@@ -54,13 +54,9 @@ class SideViews:
         inward = across * scales[:, None]
         return SideViews(inward, -products(inward, corners))
 
-    def at(self, chosen: IndexArray) -> SideViews:
-        """Chosen views, by index."""
-        return SideViews(self.inward.take(chosen, axis=2), self.offsets.take(chosen, axis=1))
-
 
 @dataclass(frozen=True)
-class Views:
+class Views(ColumnTable):
     """N pairs of a Bézier piece and a triangle, seen along a direction, in coefficients (Bernstein).
 
     inside: (3, 16, N), distances inside each side. heights: (16, N), over the triangle's plane along the direction.
@@ -76,10 +72,6 @@ class Views:
     excess: FloatArray
     steepness: FloatArray
     unevenness: FloatArray
-
-    def at(self, chosen: IndexArray) -> Views:
-        """Chosen pairs, by index."""
-        return Views(*(column.take(chosen, axis=-1) for column in vars(self).values()))
 
     def largest_heights(self, goals: FloatArray, margin: float) -> FloatArray:
         """(N,): bounds of the heights, along the direction, of the piece over the triangle; for bounds beyond the goals
@@ -150,6 +142,20 @@ class Views:
                 ]
             ) / _cross(along, across)
         return np.where(np.isfinite(slopes), slopes, 0.0)
+
+
+def largest_of_each(
+    views: Views, owners: IndexArray, which: IndexArray, covered: BoolArray, goals: FloatArray, margin: float
+) -> tuple[FloatArray, IndexArray, FloatArray]:
+    """The largest heights (n,) in views of pairs of owners and things (K,), infinite where the things do not cover an
+    owner; the things (n,) of these heights, or NONE; and the heights (K,). covered, goals: (n,), of the owners."""
+    # Uncovered owners need no clipping.
+    heights = views.largest_heights(np.where(covered, goals, np.inf)[owners], margin)
+    upper, worst = np.where(covered, 0.0, np.inf), np.full(len(goals), NONE)
+    np.maximum.at(upper, owners, heights)
+    at_most = covered[owners] & (heights == upper[owners])
+    worst[owners[at_most]] = which[at_most]
+    return upper, worst, heights
 
 
 def _differences(values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -28,7 +28,7 @@ from .leaf_samples import ON_GRID, seen_from
 from .measure import MARGIN
 from .mesh_to_surface import Facets, Leaves, MeshToSurface
 from .surface_to_mesh import SurfaceToMesh, nearest_triangles
-from .triangles import Triangles, to_triangles
+from .triangles import Triangles, to_quads
 
 # The largest number of pieces and parts for each leaf, and these besides: undecided leaves are then near the limit, and
 # one more level takes no longer.
@@ -81,6 +81,9 @@ class DrawnLeaves:
     @cached_property
     def pieces(self) -> BezierPieces:
         """The surface over the leaves: if ``are_quads``, a piece of each comes first, in their order."""
+        return self._unsplit_pieces()
+
+    def _unsplit_pieces(self) -> BezierPieces:
         units, owners = self.refinement, np.arange(len(self.points))
         if not self.are_quads:
             units, owners = units.refined(), np.repeat(owners, 4)
@@ -120,7 +123,7 @@ class DrawnLeaves:
         without a bound within the limit. rounded: the rounding allowance."""
         if not self.are_quads:
             return np.full(len(self.points), np.inf)
-        pieces = BezierPieces(self.refinement, np.arange(len(self.points)), lambda: None)
+        pieces = self._unsplit_pieces()
         found = mapped_bounds(pieces, self.points, self.is_turned, limit - rounded)
         if self.is_folded.any():
             # Either diagonal may be drawn.
@@ -136,8 +139,7 @@ class DrawnLeaves:
         points, excess = np.matmul(self.pieces.coefficients[which], SAMPLED.T), self.pieces.excess[which]
         corners = columns(np.repeat(self._quads(chosen)[rows], len(SAMPLED), axis=0))
         places = columns(points.swapaxes(1, 2).reshape(-1, 3))
-        off = np.minimum(*(to_triangles(places, corners[some])[0] for some in ([0, 1, 2], [0, 2, 3])))
-        off = off.reshape(-1, len(SAMPLED))
+        off = to_quads(places, corners)[0].reshape(-1, len(SAMPLED))
         far = np.flatnonzero(off.max(axis=1) - excess > limit)
         farthest = points[far, :, off[far].argmax(axis=1)]
         found = nearest_triangles(drawn._around(), farthest).distances if len(far) else excess[far]
@@ -188,10 +190,7 @@ class DrawnLeaves:
             in_faces=np.zeros(count),
             groups=groups,
         )
-        units, owners = self.refinement, np.arange(count)
-        if np.any(units.mesh.face_sizes != 4):
-            units, owners = units.refined(), np.repeat(owners, 4)
-        pieces = BezierPieces(units, owners, findings.tick)
+        pieces = self._unsplit_pieces()
         surface = SurfaceToMesh(pieces, self._around(), findings, np.inf)
         surface.settle(_over(pieces, on_surface))
         found = np.zeros(count)

@@ -14,11 +14,11 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import cross_products, dot_products, squared_norms, units
+from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
-from .columns import NONE, columns, products
-from .triangles import to_triangles
+from .columns import NONE, Table, columns, products
+from .triangles import to_quads
 
 # How many times cells are quartered, and bicubic patches halved.
 QUARTERED, HALVED_TIMES = 20, 3
@@ -61,7 +61,7 @@ class Charts:
         corners = np.where(is_turned[:, None, None], np.roll(quads, -1, axis=1), quads)
         off = corners - corners[:, :1]
         along = units(off[:, 2])
-        heights = np.sqrt(squared_norms(cross_products(along[:, None], off))) * [0.0, -1.0, 0.0, 1.0]
+        heights = lengths(cross_products(along[:, None], off)) * [0.0, -1.0, 0.0, 1.0]
         places = np.stack([dot_products(off, along[:, None]), heights], axis=2)
         sides = np.roll(places, -1, axis=1) - places
         turns = sides[..., 0] * np.roll(sides, -1, axis=1)[..., 1] - sides[..., 1] * np.roll(sides, -1, axis=1)[..., 0]
@@ -74,8 +74,7 @@ class Charts:
     @property
     def folds(self) -> FloatArray:
         """(K,): the jump of the derivative across the diagonal."""
-        found: FloatArray = np.sqrt(squared_norms(self.across.sum(axis=1)))
-        return found
+        return lengths(self.across.sum(axis=1))
 
     def points(self, places: FloatArray, leaves: IndexArray) -> FloatArray:
         """(N, 4, 3): the points of the triangles of leaves (N,) at places (N, 4, 2)."""
@@ -89,9 +88,8 @@ class Charts:
         """(N, 2): about the places of the triangles' points nearest to points (N, 3); in any case places of the
         quad."""
         corners, points = columns(self.corners[leaves]), columns(points)
-        (one, at_one), (other, at_other) = (to_triangles(points, corners[some]) for some in ([0, 1, 2], [0, 2, 3]))
-        is_first = one <= other
-        off = np.where(is_first, at_one, at_other) - corners[0]
+        _, nearest, is_first = to_quads(points, corners)
+        off = nearest - corners[0]
         side, diagonal = np.where(is_first, corners[1], corners[3]) - corners[0], corners[2] - corners[0]
         a, b, c = products(side, side), products(side, diagonal), products(diagonal, diagonal)
         p, q = products(side, off), products(diagonal, off)
@@ -109,7 +107,7 @@ class Charts:
 
 
 @dataclass(frozen=True)
-class Cells:
+class Cells(Table):
     """N cells of the surface, of one size. pieces, leaves: (N,) intp, the piece and the leaf of each. corners: (N, 4)
     intp, the place in the leaf of each corner; images: (N, 4, 2), places of the corners' images. halved: (N,) intp, the
     number of times that a bicubic patch was halved."""
@@ -119,10 +117,6 @@ class Cells:
     corners: IndexArray
     images: FloatArray
     halved: IndexArray
-
-    def at(self, chosen: BoolArray) -> Cells:
-        """Chosen cells."""
-        return Cells(*(column[chosen] for column in vars(self).values()))
 
 
 def mapped_bounds(pieces: BezierPieces, quads: FloatArray, is_turned: BoolArray, limit: float) -> FloatArray:
@@ -168,36 +162,21 @@ def _bounds(pieces: BezierPieces, charts: Charts, cells: Cells, limit: float) ->
 
 def _quartered(pieces: BezierPieces, charts: Charts, cells: Cells) -> Cells:
     """The quarters of cells."""
-    which, count = cells.pieces, len(cells.pieces)
+    which = cells.pieces
     is_patch = ~(pieces.has_net(which) | pieces.is_bilinear(which))
     pieces.split(which[pieces.first_child[which] == NONE])
-    children = pieces.first_child[which][:, None] + np.arange(4)
+    children = pieces.children(which)
     nine = np.where(is_patch[:, None, None], HALVED, SUBDIVIDED)
-    rows = np.arange(count)[:, None, None]
-    points = np.empty((count, 9, 3))
+    rows = np.arange(len(which))[:, None, None]
+    points = np.empty((len(which), 9, 3))
     points[rows, nine] = pieces.coefficients[children][..., CORNERS].swapaxes(2, 3)
     following = cells.corners[:, FOLLOWING]
-    corners = np.concatenate([cells.corners, (cells.corners + following) // 2, following[:, :1]], axis=1)
-    corners[:, 8] = cells.corners[:, [0, 2]].sum(axis=1) // 2
-    start, end = cells.images, cells.images[:, FOLLOWING]
-    images = np.concatenate([start, (start + end) / 2, start[:, :1]], axis=1)
-    # Sides between two of the cells are bent; beyond others the image is the one of an undivided cell.
-    keys = cells.leaves[:, None] * PLACES**2 + corners[:, 4:8]
-    _, first, where, times = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
-    # Both cells take the same place, as the nearest point can change at once from one triangle to the other.
-    is_shared = times == 2
-    middles, of_both = np.empty((len(first), 2)), first[is_shared]
-    middles[is_shared] = charts.nearest(points[of_both // 4, 4 + of_both % 4], cells.leaves[of_both // 4])
-    is_bent = is_shared[where].reshape(count, 4)
-    images[:, 4:8][is_bent] = middles[where.reshape(count, 4)[is_bent]]
+    middles, middle = (cells.corners + following) // 2, cells.corners[:, [0, 2]].sum(axis=1) // 2
+    corners = np.concatenate([cells.corners, middles, middle[:, None]], axis=1)
+    images = np.empty((len(which), 9, 2))
+    images[:, :4] = cells.images
+    images[:, 4:8] = _images_of_sides(pieces, charts, cells, points[:, 4:8], middles)
     images[:, 8] = charts.nearest(points[:, 8], cells.leaves)
-    at, side = np.nonzero(pieces.sides[which] != NONE)
-    ends = charts.points(cells.images, cells.leaves)
-    begin = ends[at, side]
-    along = ends[:, FOLLOWING][at, side] - begin
-    share = dot_products(points[at, 4 + side] - begin, along)
-    share /= np.maximum(squared_norms(along), np.finfo(float).tiny)
-    images[at, 4 + side] = start[at, side] + np.clip(share, 0.0, 1.0)[:, None] * (end - start)[at, side]
     return Cells(
         children.ravel(),
         np.repeat(cells.leaves, 4),
@@ -205,3 +184,30 @@ def _quartered(pieces: BezierPieces, charts: Charts, cells: Cells) -> Cells:
         images[rows, nine].reshape(-1, 4, 2),
         np.repeat(cells.halved + is_patch, 4),
     )
+
+
+def _images_of_sides(
+    pieces: BezierPieces, charts: Charts, cells: Cells, points: FloatArray, places: IndexArray
+) -> FloatArray:
+    """(N, 4, 2): the images of the middles of cells' sides. points: (N, 4, 3), of the surface there; places: (N, 4), of
+    the middles in the leaf."""
+    start, end = cells.images, cells.images[:, FOLLOWING]
+    images = (start + end) / 2
+    # Sides between two of the cells are bent; beyond others the image is the one of an undivided cell.
+    keys = (cells.leaves[:, None] * PLACES**2 + places).ravel()
+    _, first, where, times = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    # Both cells take the same place, as the nearest point can change at once from one triangle to the other.
+    is_shared = times == 2
+    nearest, of_both = np.empty((len(first), 2)), first[is_shared]
+    nearest[is_shared] = charts.nearest(points.reshape(-1, 3)[of_both], cells.leaves[of_both // 4])
+    is_bent = is_shared[where].reshape(-1, 4)
+    images[is_bent] = nearest[where.reshape(-1, 4)[is_bent]]
+    # A side of the leaf is mapped to itself.
+    at, side = np.nonzero(pieces.sides[cells.pieces] != NONE)
+    ends = charts.points(cells.images, cells.leaves)
+    begin = ends[at, side]
+    along = ends[:, FOLLOWING][at, side] - begin
+    share = dot_products(points[at, side] - begin, along)
+    share /= np.maximum(squared_norms(along), np.finfo(float).tiny)
+    images[at, side] = start[at, side] + np.clip(share, 0.0, 1.0)[:, None] * (end - start)[at, side]
+    return images

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import dot_products, squared_norms
+from ..arrays.vectors import dot_products, lengths, squared_norms
 from .bezier_pieces import BezierPieces
 
 # The largest step along a side, and the steps from the nearest point of the grid.
@@ -44,5 +44,5 @@ def seen_from(points: FloatArray, rows: IndexArray, which: IndexArray, pieces: B
         step = np.stack([c * p - b * q, a * q - b * p], axis=1)
         step = np.divide(step, scale[:, None], out=np.zeros_like(step), where=(scale > 1e-12 * a * c)[:, None])
         at = np.clip(at - np.clip(step, -LARGEST_STEP, LARGEST_STEP), 0.0, 1.0)
-    np.minimum.at(found, rows, np.sqrt(squared_norms(off)) - pieces.excess[which])
+    np.minimum.at(found, rows, lengths(off) - pieces.excess[which])
     return found

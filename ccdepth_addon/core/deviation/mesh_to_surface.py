@@ -5,21 +5,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import dot_products, squared_norms
+from ..arrays.vectors import dot_products, lengths, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
-from .box_tree import BoxTree
-from .columns import NONE, columns
+from .box_tree import BoxTree, first_of_each
+from .columns import NONE, Table, columns
 from .covering_pieces import over_pieces
-from .surface_to_mesh import ROUNDINGS, SurfaceToMesh, first_of_each
-from .triangles import Triangles, distance_slack, to_triangles
+from .surface_to_mesh import SurfaceToMesh
+from .triangles import Triangles, distance_slack, to_quads, to_triangles
 
 # The number of parts with corners tried for reached distances, the number of corners measured then, and the relative
 # accuracy.
@@ -53,7 +51,7 @@ GROWN = 1.5
 
 
 @dataclass(frozen=True)
-class Facets:
+class Facets(Table):
     """Pieces, each as two triangles over its corners. pieces: (L,) intp; corners: (L, 4, 3); off: (L,) float64, bounds
     of the distance between surface and triangles at equal parameters, with ``distance_slack``. docs/deviation.md,
     Facets."""
@@ -73,24 +71,17 @@ class Facets:
             off[block] = np.sqrt((apart * apart).sum(axis=1).max(axis=1))
             tick()
         twist = corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]
-        off += np.sqrt(squared_norms(twist)) / 4 + pieces.excess[chosen]
+        off += lengths(twist) / 4 + pieces.excess[chosen]
         points = corners.swapaxes(0, 1)
         off += np.maximum(distance_slack(points[[0, 1, 2]]), distance_slack(points[[0, 2, 3]]))
         return Facets(chosen, corners, off)
-
-    def at(self, chosen: IndexArray) -> Facets:
-        """Chosen facets, by index."""
-        return Facets(*(column[chosen] for column in vars(self).values()))
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """The distances (N,) from places (N, 3) to the nearer of a piece's triangles, and the nearest points (N, 3)."""
         found, nearest = np.empty(len(places)), np.empty((len(places), 3))
         for some in chunks(len(places), AT_ONCE):
-            corners, points = columns(self.corners[which[some]]), columns(places[some])
-            first, at_first = to_triangles(points, corners[[0, 1, 2]])
-            second, at_second = to_triangles(points, corners[[0, 2, 3]])
-            found[some] = np.minimum(first, second)
-            nearest[some] = np.where(first <= second, at_first, at_second).T
+            found[some], points, _ = to_quads(columns(places[some]), columns(self.corners[which[some]]))
+            nearest[some] = points.T
         return found, nearest
 
 
@@ -114,10 +105,11 @@ class Leaves:
     def near(self, places: FloatArray, share: float) -> tuple[IndexArray, IndexArray]:
         """(K,) intp twice: places (P, 3) and the facets of pieces that can be nearest; or with a share of 1 of the
         distances between surface and facets, of pieces with a leaf that can be nearest."""
-        tried = self.tree.beside(places)
-        reach = self.facets.distances(places, tried)[0] + share * self.facets.off[tried]
-        reach = reach * (1 + 1e-12) + ROUNDINGS * np.abs(places).max(initial=0.0) + np.finfo(float).tiny
-        return self.tree.near(places, reach)
+
+        def farthest(some: FloatArray, tried: IndexArray) -> FloatArray:
+            return self.facets.distances(some, tried)[0] + share * self.facets.off[tried]
+
+        return self.tree.near(places, farthest)
 
     def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
         """The leaves (P,) with the triangles nearest to places (P, 3), and the distances (P,)."""
@@ -133,7 +125,7 @@ class Leaves:
 
 
 @dataclass(frozen=True)
-class Parts:
+class Parts(Table):
     """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, the proved
     distance; leaves: (N,) intp, the nearest piece."""
 
@@ -146,15 +138,6 @@ class Parts:
     def unknown(corners: FloatArray, owners: IndexArray, bounds: FloatArray) -> Parts:
         """Parts with only bounds known."""
         return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp))
-
-    def at(self, chosen: NDArray[Any]) -> Parts:
-        """Chosen parts, by index."""
-        return Parts(*(column[chosen] for column in vars(self).values()))
-
-    @staticmethod
-    def joined(some: Parts, others: Parts) -> Parts:
-        """Parts of both, one after the other."""
-        return Parts(*(np.concatenate([column, vars(others)[name]]) for name, column in vars(some).items()))
 
     def quarters(self) -> Parts:
         """The four parts of each part, with the bound of the whole; long parts are cut along their longest side."""
@@ -221,12 +204,12 @@ class MeshToSurface:
     def _split(self, parts: Parts) -> Parts:
         """Split the pieces that are large beside their parts, and otherwise the parts."""
         pieces = self.surface.pieces
-        sizes = np.sqrt(squared_norms(np.ptp(parts.corners, axis=1)))
-        of_leaves = np.sqrt(squared_norms(pieces.high[parts.leaves] - pieces.low[parts.leaves]))
+        sizes = lengths(np.ptp(parts.corners, axis=1))
+        of_leaves = lengths(pieces.high[parts.leaves] - pieces.low[parts.leaves])
         used = np.unique(np.concatenate([parts.leaves[of_leaves > FINE_SHARE * sizes], self.blamed]))
         self.surface.split(used[pieces.first_child[used] == NONE])
         fine = of_leaves <= COARSE_SHARE * sizes
-        return Parts.joined(parts.at(~fine), parts.at(fine).quarters())
+        return parts.at(~fine).joined([parts.at(fine).quarters()])
 
     def _record(self, parts: Parts) -> None:
         np.maximum.at(self.upper, parts.owners, parts.bounds)
@@ -279,7 +262,7 @@ class MeshToSurface:
                 break
             split_now = np.unique(which[coarse])
             self.surface.split(split_now[pieces.first_child[split_now] == NONE])
-            children = pieces.first_child[which[coarse]][:, None] + np.arange(4)
+            children = pieces.children(which[coarse])
             which = np.concatenate([which[~coarse], children.ravel()])
             rows = np.concatenate([rows[~coarse], np.repeat(rows[coarse], 4)])
         first = first_of_each(rows, distances - off, len(places))

@@ -17,12 +17,13 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, chunks, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import dot_products, lengths, units
+from ..arrays.vectors import angles_between, dot_products, lengths, units
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.evaluation import limit_values
 from ..surface.limit_normals import limit_normals
 from ..surface.surface_points import SurfacePoints
-from .surface_to_mesh import NearestTriangles, first_of_each, nearest_triangles
+from .box_tree import FAR, first_of_each
+from .surface_to_mesh import NearestTriangles, nearest_triangles
 from .triangles import Triangles, barycentric
 
 Tick = Callable[[], None]
@@ -182,9 +183,9 @@ class SampledSurface:
             result[part] = self._shaded.normals_at(nearest.which, nearest.points)
             reach[part] = np.maximum(nearest.distances, self._tolerance)
             tick()
-        for block in index_chunks(np.flatnonzero(_angles(result, own) > same), LOOKED_AT):
+        for block in index_chunks(np.flatnonzero(angles_between(result, own) > same), LOOKED_AT):
             owners, normals, distances = _within(places[block], reach[block], self._shaded)
-            off = _angles(own[block][owners], normals)
+            off = angles_between(own[block][owners], normals)
             fits = off <= np.maximum(off[first_of_each(owners, off, len(block))], same)[owners]
             result[block] = normals[first_of_each(owners, np.where(fits, distances, np.inf), len(block))]
             tick()
@@ -206,7 +207,7 @@ class SampledSurface:
 
         near: of the samples. only_largest: look at a part, for the largest of all.
         """
-        angles = _angles(samples.normals, other.normals_at(near.which, near.points))
+        angles = angles_between(samples.normals, other.normals_at(near.which, near.points))
         triangles = near.which if samples.triangles is None else samples.triangles
         angles[~counts[triangles]] = 0.0
         is_far = near.distances > REACH * self._tolerance
@@ -230,7 +231,7 @@ class SampledSurface:
         """(n,): the smallest angles of samples with points in reach; -1 where one above ``enough`` is left out."""
         places, own = samples.places[block], samples.normals[block]
         owners, normals, distances = _within(places, np.full(len(block), REACH * self._tolerance), other)
-        angles = _angles(own[owners], normals)
+        angles = angles_between(own[owners], normals)
         best = first_of_each(owners, angles, len(block))
         if not self._leaves_out_narrow:
             return angles[best]
@@ -239,7 +240,7 @@ class SampledSurface:
             owners, normals = owners[is_near], normals[is_near]
         else:
             owners, normals, _ = _within(places, np.full(len(block), self._tolerance), self._shaded)
-        turns = _angles(own[owners], normals)
+        turns = angles_between(own[owners], normals)
         turn = np.zeros(len(block))
         # Beyond a right angle it is another sheet.
         np.maximum.at(turn, owners, np.where(turns < np.pi / 2, turns, 0.0))
@@ -250,7 +251,7 @@ def _within(places: FloatArray, reach: FloatArray, shaded: Shaded) -> tuple[Inde
     """Points within reach (P,) of places (P, 3): of each point its place (K,), its normal (K, 3), and its distance."""
     triangles = shaded.triangles
     reach = reach * (1 + 1e-9)
-    owners, which = triangles.tree.near(places, reach)
+    owners, which = triangles.tree.within(places, _held(triangles, places, reach))
     distances, points = triangles.distances(places[owners], which)
     is_near = distances <= reach[owners]
     owners, which, distances, points = owners[is_near], which[is_near], distances[is_near], points[is_near]
@@ -269,10 +270,13 @@ def _within(places: FloatArray, reach: FloatArray, shaded: Shaded) -> tuple[Inde
     return owners, np.concatenate([part[1] for part in found]), np.concatenate([part[2] for part in found])
 
 
-def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(N,): the angles between unit vectors (N, 3), exact for small ones as well."""
-    halves: FloatArray = np.arctan2(lengths(a - b), lengths(a + b))
-    return 2.0 * halves
+def _held(triangles: Triangles, places: FloatArray, reach: FloatArray) -> FloatArray:
+    """(P,): reach (P,), but no more than reaches the triangles near a place where these are far smaller."""
+    held, beyond = reach.copy(), np.flatnonzero(reach > FAR * triangles.tree.size)
+    if len(beyond):
+        nearest = nearest_triangles(triangles, places[beyond]).distances + triangles.slack.max()
+        held[beyond] = np.minimum(reach[beyond], np.maximum(nearest * (1 + 1e-9), FAR * triangles.tree.size))
+    return held
 
 
 def _facet_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
@@ -282,12 +286,12 @@ def _facet_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
 
 def _nearest(samples: Samples, other: Shaded, tick: Tick) -> NearestTriangles:
     """The triangles of the other side nearest to samples."""
-    found = [NearestTriangles(np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros((0, 3)))]
-    for part in chunks(len(samples.places), AT_ONCE):
-        found.append(nearest_triangles(other.triangles, samples.places[part]))
+    found = NearestTriangles(np.zeros(0), np.zeros(0, dtype=np.intp), np.zeros((0, 3)))
+    parts = []
+    for some in chunks(len(samples.places), AT_ONCE):
+        parts.append(nearest_triangles(other.triangles, samples.places[some]))
         tick()
-    columns = zip(*((each.distances, each.which, each.points) for each in found), strict=True)
-    return NearestTriangles(*(np.concatenate(column) for column in columns))
+    return found.joined(parts)
 
 
 def _drawn_samples(drawn: Shaded, counts: BoolArray) -> Samples:

@@ -9,9 +9,11 @@ import numpy as np
 
 from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import squared_norms, units
+from ..arrays.vectors import lengths, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
+from .box_tree import first_of_each
+from .columns import Table
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles
@@ -25,15 +27,12 @@ SHARE_OF_LIMITS = 0.6
 # A covered piece larger than this many times the goal is hardly within the goal of one triangle.
 SMALL_FOR_ONE = 4.0
 
-# The relative rounding of coordinates: more than the error of a box and a distance.
-ROUNDINGS = 2.0**-48
-
 # A bound of up to this many times the goal may reach the goal along another direction.
 NEARLY = 1.5
 
 
 @dataclass(frozen=True)
-class NearestTriangles:
+class NearestTriangles(Table):
     """The distances (P,) float64, the nearest triangles (P,) intp, and the nearest points (P, 3)."""
 
     distances: FloatArray
@@ -44,20 +43,11 @@ class NearestTriangles:
 def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriangles:
     """The triangles nearest to points (P, 3); no distance is longer than the true one, but for a part that ``Findings``
     subtracts."""
-    reach = triangles.distances(places, triangles.tree.beside(places))[0]
-    # The nearest triangle has to be within reach, whatever the rounding of boxes and distances.
-    reach = reach * (1 + 1e-12) + ROUNDINGS * np.abs(places).max(initial=0.0) + np.finfo(float).tiny
-    owners, which = triangles.tree.near(places, reach)
+    owners, which = triangles.tree.near(places, lambda some, tried: triangles.distances(some, tried)[0])
     distances, points = triangles.distances(places[owners], which)
     distances = np.maximum(distances - triangles.slack[which], 0.0)
     first = first_of_each(owners, distances, len(places))
     return NearestTriangles(distances[first], which[first], points[first])
-
-
-def first_of_each(owners: IndexArray, values: FloatArray, count: int) -> IndexArray:
-    """(count,) intp: the index of the least value of each owner; every owner has one."""
-    order = np.lexsort((values, owners))
-    return order[np.searchsorted(owners[order], np.arange(count))]
 
 
 class SurfaceToMesh:
@@ -97,7 +87,7 @@ class SurfaceToMesh:
         if not len(pieces):
             return pieces
         children = self.pieces.split(pieces)
-        first = self.pieces.first_child[pieces][:, None] + np.arange(4)
+        first = self.pieces.children(pieces)
         for name in ("upper", "triangles", "nearest"):
             grown = np.resize(getattr(self, name), self.pieces.count)
             grown[first] = grown[pieces][:, None]
@@ -125,7 +115,7 @@ class SurfaceToMesh:
             return
         which = self.nearest[block]
         covered = self._bound_by_heights(block, which)
-        sizes = np.sqrt(squared_norms(pieces.high[block] - pieces.low[block]))
+        sizes = lengths(pieces.high[block] - pieces.low[block])
         is_small = sizes < SMALL_FOR_ONE * self._goals(block)
         left = np.flatnonzero((self.upper[block] > self._goals(block)) & (is_small | ~covered))
         self._improve(block[left], self._by_one_triangle(block[left], which[left]), which[left])

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays.types import FloatArray, IndexArray
+from ..arrays.chunks import AT_ONCE, chunks
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms, units
 from .box_tree import BoxTree
 from .columns import NONE, columns, crosses, products
@@ -56,8 +57,11 @@ class Triangles:
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """The distances (N,) from places (N, 3) to a triangle each, and the nearest points (N, 3) of these
         triangles."""
-        distances, nearest = to_triangles(columns(places), self.corners(which))
-        return distances, nearest.T
+        found, nearest = np.empty(len(places)), np.empty((len(places), 3))
+        for some in chunks(len(places), AT_ONCE):
+            found[some], points = to_triangles(columns(places[some]), self.corners(which[some]))
+            nearest[some] = points.T
+        return found, nearest
 
 
 def needle_thickness(points: FloatArray) -> FloatArray:
@@ -135,6 +139,14 @@ def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, F
         nearest[:, outside] = _on_sides(places.take(outside, axis=1), corners.take(outside, axis=2))
     between = places - nearest
     return np.sqrt(products(between, between)), nearest
+
+
+def to_quads(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """As of ``to_triangles``, for quads with corners (4, 3, N) as two triangles, the diagonal from corner 0 to 2; and
+    (N,) bool, whether the first triangle is no farther than the second."""
+    (one, at_one), (other, at_other) = (to_triangles(places, corners[some]) for some in ([0, 1, 2], [0, 2, 3]))
+    is_first = one <= other
+    return np.minimum(one, other), np.where(is_first, at_one, at_other), is_first
 
 
 def _on_sides(places: FloatArray, corners: FloatArray) -> FloatArray:

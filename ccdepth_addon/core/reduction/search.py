@@ -8,7 +8,6 @@ the vertices to leave alone. docs/adaptive.md, Reduce.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..deviation import Deviation, SampledSurface, measure_deviation
 from ..deviation.triangles import Triangles
 from ..mesh.polygon_mesh import PolygonMesh
-from ..progress import Progress, no_report
+from ..progress import Progress
 from .sampled_distances import Places, SampledDistances, nearest_of
 
 # The largest and the least part of the mergeable triangles that an attempt is to merge.
@@ -102,7 +101,10 @@ class Reduction:
         self.current = self._start = start
         self.proof: Proof | None = None
         self._control, self._limit = control, limit
-        self._shading_angle, self._facet_angle = shading_angle, facet_angle
+        # By whether they are of shading; and the surface with the samples that the start keeps, once needed.
+        self._largest_angles = {True: shading_angle, False: facet_angle}
+        self._kept: dict[bool, SampledSurface] = {}
+        self._surface: SampledSurface | None = None
         self._is_fixed = np.zeros(len(start.positions), dtype=bool)
         self._share, self._refusals = LARGEST_SHARE, 0
         self._samples = SampledDistances(start.positions, start.corners, lambda: progress(0.0))
@@ -177,34 +179,35 @@ class Reduction:
 
     def normals(self, mesh: TriangleMesh, progress: Progress) -> FloatArray:
         """(T, 3, 3) float64: the normals of the limit surface for the corners of a mesh's triangles."""
-        return self._surface.normals_of(mesh.positions, mesh.corners, SAME_SIDE, lambda: progress(1.0))
+        return self._sampled(progress).normals_of(mesh.positions, mesh.corners, SAME_SIDE, lambda: progress(1.0))
 
-    @cached_property
-    def _surface(self) -> SampledSurface:
-        return SampledSurface(self._control, self._limit, lambda: None, SURFACE_SAMPLES)
+    def _sampled(self, progress: Progress) -> SampledSurface:
+        if self._surface is None:
+            self._surface = SampledSurface(self._control, self._limit, lambda: progress(0.0), SURFACE_SAMPLES)
+        return self._surface
 
-    @cached_property
-    def _surface_for_shading(self) -> SampledSurface:
-        start, tick = self._start, lambda: None
-        return self._surface.kept_by(
-            start.positions, start.corners, self.normals(start, no_report), self._shading_angle, tick
-        )
-
-    @cached_property
-    def _surface_for_facets(self) -> SampledSurface:
-        return self._surface.kept_by(self._start.positions, self._start.corners, None, self._facet_angle, lambda: None)
+    def _kept_by_start(self, progress: Progress, *, of_shading: bool) -> SampledSurface:
+        if of_shading not in self._kept:
+            start, angle = self._start, self._largest_angles[of_shading]
+            normals = self.normals(start, progress) if of_shading else None
+            self._kept[of_shading] = self._sampled(progress).kept_by(
+                start.positions, start.corners, normals, angle, lambda: progress(0.0)
+            )
+        return self._kept[of_shading]
 
     def _turned(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
         """(T,) bool: the triangles with samples beyond an angle, except for those of the current mesh. What the start
         does not keep does not count."""
         is_new = ~is_among(_rows_of_triangles(mesh), _rows_of_triangles(self.current))
-        turned, tick = np.zeros(len(mesh.corners), dtype=bool), lambda: progress(0.0)
-        drawn, is_smooth = (mesh.positions, mesh.corners), is_new & mesh.is_smooth
-        if (angle := self._shading_angle) and is_smooth.any():
-            normals = self.normals(mesh, progress)
-            turned |= self._surface_for_shading.largest_angles(*drawn, normals, angle, tick, is_smooth) > angle
-        if angle := self._facet_angle:
-            turned |= self._surface_for_facets.largest_angles(*drawn, None, angle, tick, is_new) > angle
+        turned = np.zeros(len(mesh.corners), dtype=bool)
+        for of_shading, angle in self._largest_angles.items():
+            counts = is_new & mesh.is_smooth if of_shading else is_new
+            if angle and counts.any():
+                normals = self.normals(mesh, progress) if of_shading else None
+                found = self._kept_by_start(progress, of_shading=of_shading).largest_angles(
+                    mesh.positions, mesh.corners, normals, angle, lambda: progress(0.0), counts
+                )
+                turned |= found > angle
         return turned
 
     def _triangles(self, mesh: TriangleMesh, progress: Progress) -> Triangles:
@@ -235,7 +238,7 @@ class Reduction:
         if proof is not None:
             self.proof = proof
         # Errors grow about as triangles become fewer; angles stop merging earlier.
-        largest = NEXT_SHARE * self._share if self._shading_angle or self._facet_angle else LARGEST_SHARE
+        largest = NEXT_SHARE * self._share if any(self._largest_angles.values()) else LARGEST_SHARE
         self._share = float(np.clip(1 - reached / self._limit, LEAST_SHARE, max(largest, LEAST_SHARE)))
 
     def _reject(self, triangles: Triangles, bad: BoolArray, progress: Progress, *, is_local: bool = False) -> None:
