@@ -18,7 +18,6 @@ from .changes import known_changes
 from .control_mesh import gram_matrix
 from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, checksum_of_points, own_checksum
 from .modifiers import (
-    NOT_SHAPING,
     OF_OBJECT,
     SIMULATIONS,
     counted_modifiers,
@@ -89,9 +88,8 @@ def compared(one: str, other: str) -> bool | None:
 
 
 def _checksum(holder: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], texts: Sequence[str]) -> str:
-    shaping = [each for each in modifiers if each.type not in NOT_SHAPING]
-    described = [*texts, *_shape_keys(holder), *map(_modifier, shaping)]
-    others = any(map(_depends_on_more, shaping))
+    described = [*texts, *_shape_keys(holder), *map(_modifier, modifiers)]
+    others = any(map(_depends_on_more, modifiers))
     if others:
         described.append(str(own_checksum(holder, attributes_checksum)))
     checksum = f"{crc32(chr(10).join(described).encode(errors='backslashreplace')):08x}"

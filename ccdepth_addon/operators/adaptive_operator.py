@@ -7,7 +7,7 @@ from functools import partial
 
 import bpy
 
-from ..exchange.modifiers import base_modifiers, has_own_keys, left_out_sculpting
+from ..exchange.modifiers import counted_modifiers, has_own_keys, left_out_sculpting
 from ..state import heat_map, known, out_of_date, properties, result_record
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
@@ -117,7 +117,7 @@ def _notes(task: AdaptiveTask, use_modifiers: bool, exact_normals: bool) -> list
     if source.data.has_custom_normals and not exact_normals:
         notes.append("its custom normals are left out; Exact Normals shades like the limit surface")
     keys = source.data.shape_keys
-    if keys is not None and base_modifiers(source, use_modifiers=use_modifiers):
+    if keys is not None and counted_modifiers(source, use_modifiers=use_modifiers):
         notes.append("its shape keys are applied, like the included modifiers")
     elif keys is not None and any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
         notes.append("the tolerance is not proved where a vertex group limits a shape key")

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import UV_SMOOTH, new_mesh
 from ..exchange.changes import paused
-from ..exchange.control_mesh import base_mesh
+from ..exchange.control_mesh import base_mesh, counted_copies, read
 from ..exchange.data_blocks import is_writable, meshes_with, own_copy, removed_on_failure
 from ..exchange.dependencies import object_state
-from ..exchange.evaluated import Evaluated, batches, evaluated
+from ..exchange.evaluated import Evaluated, batches
 from ..exchange.mesh_arrays import geometry_checksum
-from ..exchange.modifiers import applied_modifiers, base_modifiers, left_out_sculpting, subdivision_modifier
+from ..exchange.modifiers import applied_modifiers, left_out_sculpting, subdivision_modifier
 from ..state import mesh_values, out_of_date, result_record
 from ..state.properties import Settings
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
@@ -78,13 +78,11 @@ def make_meshes(
     with removed_on_failure() as uids:
         for batch in batches(answers, lambda answer: len(answer.adaptive.mesh.base_faces), FACES_AT_ONCE):
             yield f"Writing meshes: {len(made):,} of {len(answers):,}"
-            context.view_layer.update()
             holders = [_sources(answer)[0] for answer in batch]
-            bases = {each: base_modifiers(each, use_modifiers=settings.use_modifiers) for each in holders}
-            with evaluated(context, bases) as copies:
+            with counted_copies(context, holders, use_modifiers=settings.use_modifiers) as copies:
                 for answer, holder in zip(batch, holders, strict=True):
                     with naming(holder.name):
-                        made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
+                        made.append(_make_mesh(answer, holder, settings, exact_normals, copies))
                         uids.append(made[-1].mesh_uid)
     return made
 
@@ -139,7 +137,6 @@ def _sources(answer: AdaptiveAnswer) -> list[bpy.types.Object]:
 
 
 def _make_mesh(
-    context: bpy.types.Context,
     answer: AdaptiveAnswer,
     source: bpy.types.Object,
     settings: AdaptiveSettings,
@@ -149,11 +146,10 @@ def _make_mesh(
     modifier = subdivision_modifier(source)
     uv_smooth = UV_SMOOTH if modifier is None else modifier.uv_smooth
     control = answer.task.surface.control
-    base, own_control = base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies)
-    if own_control.key != control.key:
+    if read(source, copies, use_modifiers=settings.use_modifiers).key != control.key:
         raise ComputeError(CHANGED)
     mesh = new_mesh(
-        base,
+        base_mesh(source, copies, use_modifiers=settings.use_modifiers),
         control.mesh,
         answer.adaptive.mesh,
         uv_smooth=uv_smooth,
@@ -165,8 +161,8 @@ def _make_mesh(
         mesh.name = source.name + NAME_SUFFIX
         adaptive, has_angles = answer.adaptive, answer.task.has_angles(settings)
         mesh_values.write_adaptive(mesh, answer, settings, adaptive.depths, adaptive.bounds, has_angles=has_angles)
-    read = [result_record.source_checksum(each, use_modifiers=settings.use_modifiers) for each in _sources(answer)]
-    return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths, read)
+    checksums = [result_record.source_checksum(each, use_modifiers=settings.use_modifiers) for each in _sources(answer)]
+    return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths, checksums)
 
 
 def _place_instead(places: list[Placement], settings: AdaptiveSettings, undo: ExitStack) -> None:
@@ -238,8 +234,8 @@ def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: 
     for place, from_source in zip(places, materials, strict=True):
         if place.was_cleared:
             mesh_values.clear(place.mesh)
-        for user, source, read in zip(place.users, place.sources, place.made.sources, strict=True):
-            out_of_date.remember_made(user, source, settings, from_source, read)
+        for user, source, checksum in zip(place.users, place.sources, place.made.sources, strict=True):
+            out_of_date.remember_made(user, source, settings, from_source, checksum)
     return notes
 
 

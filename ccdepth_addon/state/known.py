@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import bpy
 import numpy as np
 
-from ..exchange.control_mesh import ControlMeshError, own_diagonal, read_control_mesh
+from ..exchange.control_mesh import own_diagonal, read_alone
 from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
@@ -69,14 +69,9 @@ def measured_diagonal(
     known place."""
     if not is_placed(context.view_layer, blender_object):
         return None
-    counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     try:
-        if is_evaluated(blender_object, counted):
-            found = read_control_mesh(context, blender_object, use_modifiers=use_modifiers).diagonal()
-        else:
-            context.view_layer.update()
-            found = own_diagonal(blender_object)
-    except (ControlMeshError, ValueError):
+        found = read_alone(context, blender_object, use_modifiers=use_modifiers).diagonal()
+    except ValueError:
         found = 0.0
     return found if _is_length(found) else None
 
