@@ -15,13 +15,12 @@ from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
 from ..tasks.surfaces import ComputeError
-from ..ui.lengths import bound_texts, printable
-from .job import Steps, Work
-from .long_operator import LongOperator
+from ..ui.lengths import bound_texts, count_text, printable
+from .mesh_operators import LongOperator, Steps, Work
 from .place_results import NewMesh, make_meshes, place_meshes
 from .reduced_meshes import Reducer
+from .refusals import LINKED, hidden_fault, name_fault, refuse, still_there
 from .scene_objects import edit_mode_left
-from .selected_meshes import LINKED, count_text, hidden_fault, name_fault, refuse, still_there
 
 
 class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):

@@ -13,10 +13,9 @@ from ..state.heat_map import Shown
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
 from ..tasks.surfaces import Surface
-from ..ui.lengths import printable
-from .job import Steps, Work
-from .long_operator import LongOperator
-from .selected_meshes import count_text, refuse_what_cannot_be_written, still_there
+from ..ui.lengths import count_text, printable
+from .mesh_operators import LongOperator, Steps, Work
+from .refusals import refuse_what_cannot_be_written, still_there
 
 
 class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):

@@ -11,10 +11,10 @@ from ..state.chosen import chosen
 from ..tasks.adaptive_meshes import FaceCount, best_tolerance, count_results, too_many_text
 from ..tasks.adaptive_task import AdaptiveTask, prepare_adaptive
 from ..tasks.surfaces import ComputeError
-from ..ui.lengths import printable
+from ..ui.lengths import count_text, printable
 from .adaptive_operator import AdaptiveOperator, result_fault
-from .job import Steps, Work
-from .selected_meshes import count_text, hidden_fault, refuse
+from .mesh_operators import Steps, Work
+from .refusals import hidden_fault, refuse
 
 
 class CountingOperator(AdaptiveOperator):

@@ -22,8 +22,9 @@ from ..state import known, mesh_values
 from ..state.chosen import chosen
 from ..state.still_holds import measured_to_show
 from ..tasks.surfaces import ComputeError, Faults
-from ..ui.lengths import printable
-from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse
+from ..ui.lengths import count_text, printable
+from .mesh_operators import QuickOperator
+from .refusals import mesh_fault, refuse
 
 # The attributes of Blender's selection in Object Mode, by domain.
 SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_poly"}

@@ -15,9 +15,8 @@ from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, meas
 from ..tasks.surfaces import naming
 from ..ui.facts import deviation_text
 from ..ui.lengths import Rounding, bound_texts, common_unit, length_text, printable
-from .job import Steps, Work
-from .long_operator import LongOperator
-from .selected_meshes import refuse_what_cannot_be_written, still_there
+from .mesh_operators import LongOperator, Steps, Work
+from .refusals import refuse_what_cannot_be_written, still_there
 
 # The cause of an early end of a measurement, by whether it was the Time Limit.
 ENDED = {

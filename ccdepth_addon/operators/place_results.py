@@ -24,8 +24,8 @@ from ..state import mesh_values, out_of_date, result_record
 from ..state.properties import Settings
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
+from .refusals import CHANGED, still_there
 from .scene_objects import hide, link_beside, show, show_in_local_view
-from .selected_meshes import CHANGED, still_there
 
 # Faces written in one go: few enough to keep the window responsive.
 FACES_AT_ONCE = 1 << 17

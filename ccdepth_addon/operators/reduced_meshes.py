@@ -20,7 +20,7 @@ from ..state import mesh_values
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.reduce_task import depths_of_faces, finer_answer, reduction_of, triangle_count
 from ..tasks.surfaces import naming
-from .job import Steps, Work
+from .mesh_operators import Steps, Work
 from .place_results import NewMesh, make_meshes
 
 # The number of times that thinning is tried again, without the places of too distant lines.

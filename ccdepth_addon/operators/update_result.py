@@ -8,16 +8,15 @@ import bpy
 
 from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import sculpted
-from ..state import out_of_date, result_record, watch
+from ..state import out_of_date, result_record
 from ..state.chosen import chosen
 from ..state.properties import Settings
 from ..tasks.surfaces import NOT_PLACED, ComputeError
 from ..ui.lengths import printable_lines
 from .adaptive_operator import MakingOperator
-from .job import Steps
-from .long_operator import NAVIGATION_EVENTS
+from .mesh_operators import NAVIGATION_EVENTS, Steps
 from .place_results import place_in_results
-from .selected_meshes import LINKED, refuse
+from .refusals import LINKED, refuse
 
 NO_SIZE = f"{NOT_PLACED}, so its size in the scene is not known; show it first"
 
@@ -147,7 +146,7 @@ def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [each for each in out_of_date.due_results() if each.is_editable and each in present]
 
 
-def _start_keeping_updated() -> bool:
+def start_keeping_updated() -> None:
     """Make due results anew in the first window with any of them in its view layer; while other work goes on there they
     stay out of date."""
     manager = bpy.context.window_manager
@@ -162,7 +161,3 @@ def _start_keeping_updated() -> bool:
                 break
     if is_due:
         out_of_date.none_due()
-    return False
-
-
-KEEPING_UPDATED = watch.Client(examine=_start_keeping_updated)

@@ -19,7 +19,8 @@ from ..exchange.face_values import (
     read_face_values,
     rounded_up,
 )
-from . import mesh_values, watch
+from ..registration import redraw
+from . import mesh_values
 from .colors import LAST_DEPTH, scale_colors, to_linear
 
 Values = NDArray[np.int32] | NDArray[np.float32]
@@ -49,7 +50,7 @@ def show(context: bpy.types.Context, kind: Shown) -> None:
     # A setting that is written, even unchanged, ends the caches of simulations in the scene.
     if shown(settings) not in (None, kind):
         settings.heat_map = kind.name
-    watch.redraw(context)
+    redraw(context)
 
 
 def last_kind(mesh: bpy.types.Mesh) -> Shown | None:

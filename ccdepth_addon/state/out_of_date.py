@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import bpy
 
 from ..exchange.changes import begin_session, forget_checksums
-from . import mesh_values, result_record, still_holds, watch
+from . import mesh_values, result_record, still_holds
 
 Answer = TypeVar("Answer")
 
@@ -132,7 +132,7 @@ def none_due() -> None:
         note.is_due = False
 
 
-def _examine_touched() -> bool:
+def examine_touched() -> bool:
     """Examine the values and results of touched objects; returns whether there are any. Edited data are examined when
     they leave Edit Mode."""
     chosen = {uid for uid, note in _notes.items() if note.is_touched}
@@ -203,7 +203,8 @@ def _users_of_values(meshes: Iterable[bpy.types.Mesh]) -> dict[bpy.types.Mesh, l
     return users
 
 
-def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
+def notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
+    """Note an update of an object, of its geometry or its place alone; returns whether to examine anything."""
     if holder.type != "MESH":
         return False
     note, mesh = noted(holder), holder.data
@@ -238,7 +239,8 @@ def _find_new_results() -> None:
         _find_results()
 
 
-def _touch_everything() -> bool:
+def touch_everything() -> bool:
+    """Note all objects with values and results; returns whether to examine any."""
     _find_new_results()
     for each in bpy.data.objects:
         if each.type == "MESH":
@@ -249,28 +251,17 @@ def _touch_everything() -> bool:
     return any(note.is_touched for note in _notes.values())
 
 
-def _begin_anew() -> bool:
-    """Begin anew after undo, redo and loading, without results that are due."""
+def begin_anew() -> bool:
+    """``touch_everything`` after undo, redo and loading, without results that are due."""
     forget_checksums()
     for note in _notes.values():
         note.is_edited = note.has_left = note.is_due = False
     _find_results()
-    return _touch_everything()
+    return touch_everything()
 
 
-def _forget_everything() -> None:
+def forget_everything() -> None:
     global _object_count
     _notes.clear()
     _object_count = -1
     begin_session()
-
-
-watch.clients.append(
-    watch.Client(
-        forget=_forget_everything,
-        updated=_notice_update,
-        frame_changed=_touch_everything,
-        replaced=_begin_anew,
-        examine=_examine_touched,
-    )
-)

@@ -20,8 +20,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
-from ..registration import do_not_call
-from ..state import watch
+from ..registration import do_not_call, redraw
 from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, shown
 from ..state.still_holds import measured_to_show
@@ -187,7 +186,7 @@ def _wanted(context: bpy.types.Context) -> Legend | None:
 
 
 def _redraw() -> None:
-    watch.redraw(bpy.context)
+    redraw(bpy.context)
 
 
 def _covered(context: bpy.types.Context) -> tuple[int, int]:

@@ -183,7 +183,7 @@ def test_edit_mode_stays_whatever_fails(operator: str, module: str, name: str, m
 def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
     """Blender keeps the last operators, with all they hold."""
     addon.select(hills())
-    work = addon.module("operators.job").Job
+    work = addon.module("operators.mesh_operators").Job
     assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, tolerance=TOLERANCE) == {"FINISHED"}
     gc.collect()
     assert not [kept for kept in gc.get_objects() if isinstance(kept, work)]

@@ -196,7 +196,7 @@ def test_a_draw_and_a_timer_take_no_time_among_many_objects_with_depths(monkeypa
 
 
 lengths = addon.module("ui.lengths")
-job = addon.module("operators.job")
+job = addon.module("operators.mesh_operators")
 
 
 def set_units(system: str, length_unit: str = "", scale: float = 1.0) -> None:

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.every_blender
 
 def test_no_operator_that_can_take_long_is_run_again_by_adjust_last_operation() -> None:
     """With it, Blender runs all of an operator at once, and Esc is not heard."""
-    long = addon.module("operators.long_operator").LongOperator
+    long = addon.module("operators.mesh_operators").LongOperator
     found = {name: getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CCDEPTH_OT_")}
     options = {name: kind.bl_options for name, kind in found.items() if issubclass(kind, long)}
     assert len(options) > 5
@@ -30,7 +30,7 @@ def test_no_operator_that_can_take_long_is_run_again_by_adjust_last_operation() 
 
 
 def test_other_shortcuts_than_save_do_not_save() -> None:
-    asks = addon.module("operators.long_operator").asks_to_save
+    asks = addon.module("operators.mesh_operators").asks_to_save
     keys = ("type", "value", "ctrl", "oskey", "shift", "alt")
     for event, wanted in (
         (("S", "PRESS", True, False, False, False), True),
@@ -145,7 +145,7 @@ def test_a_run_that_is_stopped_changes_nothing(case: str, monkeypatch: pytest.Mo
     """As by Esc: its work raises, and its steps clean up."""
     prepare, operator, settings = CASES[case]
     prepare()
-    job = addon.module("operators.job")
+    job = addon.module("operators.mesh_operators")
     monkeypatch.setattr(job._Thread, "run", lambda thread: setattr(thread, "fault", job.Cancelled()))
     mode = bpy.context.mode
     with snapshot.unchanged():
