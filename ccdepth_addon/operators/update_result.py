@@ -15,7 +15,7 @@ from ..tasks.surfaces import NOT_PLACED, ComputeError
 from ..ui.lengths import printable_lines
 from .adaptive_operator import MakingOperator
 from .mesh_operators import NAVIGATION_EVENTS, Steps
-from .place_results import place_in_results
+from .place_results import in_results
 from .refusals import LINKED, refuse
 
 NO_SIZE = f"{NOT_PLACED}, so its size in the scene is not known; show it first"
@@ -33,11 +33,7 @@ class UpdatingOperator(MakingOperator):
         refuse(chosen, lambda each: None if is_placed(layer, each) else NO_SIZE)
         refuse(results, lambda each: self._fault(each, results))
         sources = [result_record.control_object(each) for each in results]
-        settings = Settings.of(self, result_record.SETTINGS)
-        with self.in_object_mode(context, results, sources):
-            made, notes = yield from self.made(context, sources, results, "Updating: {:,.0f} faces so far".format)
-            self.report_made(made, place_in_results(context, made, settings) + notes, results)
-        return {"FINISHED"}
+        return (yield from self.make(context, results, sources, in_results))
 
     def _fault(self, result: bpy.types.Object, together: Collection[bpy.types.Object]) -> str | None:
         if not result.is_editable:

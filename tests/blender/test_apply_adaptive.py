@@ -167,7 +167,7 @@ def test_edit_mode_is_left_and_entered_again(output: str) -> None:
     ("operator", "module", "name"),
     [
         ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
-        ("subdivide", "operators.adaptive_operator", "place_meshes"),
+        ("subdivide", "operators.adaptive_operator", "place"),
         ("count_faces", "operators.count_faces", "count_text"),
     ],
 )
@@ -267,6 +267,7 @@ def test_custom_normals_that_are_left_out_are_told(capfd: pytest.CaptureFixture[
 placing = addon.module("operators.place_results")
 
 SETTINGS = addon.module("tasks.adaptive_task").AdaptiveSettings(TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", 5_000_000)
+RECORDED = addon.module("state.properties").Settings({"use_modifiers": True})
 
 
 def reading(objects: list[bpy.types.Object]) -> Generator[object, None, object]:
@@ -311,7 +312,7 @@ def test_objects_that_cannot_be_placed_beside_leave_all_as_they_were(failing: in
         collection = scene.add_collection("Left out", left, alone=True)
         bpy.context.view_layer.layer_collection.children["Left out"].exclude = True
         with pytest.raises(addon.module("tasks.surfaces").ComputeError, match="nothing was written"):
-            placing.place_meshes(bpy.context, made, SETTINGS, in_place=False)
+            placing.place(bpy.context, made, RECORDED, placing.beside)
         bpy.context.scene.collection.objects.link(left)
         bpy.data.collections.remove(collection)
         bpy.context.view_layer.update()
@@ -325,7 +326,7 @@ def test_objects_whose_mesh_cannot_be_replaced_leave_all_as_they_were() -> None:
     with snapshot.unchanged(lambda path: path[2:3] == ("attribute",) and path[3].startswith(".")):
         made = result_of(writing(objects))
         with addon.edit_mode(objects[2]), pytest.raises(error, match="nothing was written"):
-            placing.place_meshes(bpy.context, made, SETTINGS, in_place=True)
+            placing.place(bpy.context, made, RECORDED, placing.instead)
         addon.select(*objects[:2])
 
 
