@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import traceback
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import bpy
 
 from ..exchange.changes import begin_session, forget_checksums
+from ..tasks.depth_task import DepthSettings, MeshDepths
+from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from . import mesh_values, result_record, still_holds
 
 Answer = TypeVar("Answer")
@@ -75,6 +77,27 @@ def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object])
     ]
 
 
+def write_depths(holders: Sequence[bpy.types.Object], answers: Sequence[MeshDepths], settings: DepthSettings) -> None:
+    """Write answers, with their records and inputs, to the meshes of these objects, all or none. Raises
+    ComputeError."""
+    mesh_values.write_depths(holders, answers, settings)
+    for holder, answer in zip(holders, answers, strict=True):
+        remember_depths(holder.data, answer.task.geometry, answer.depths, answer.task.states)
+
+
+def write_deviations(
+    measured: Mapping[bpy.types.Object, bpy.types.Object],
+    answers: Sequence[MeshDeviation],
+    settings: MeasureSettings,
+    states: Mapping[int, still_holds.MeasuredState],
+) -> None:
+    """Write answers, with their records and inputs, to the meshes of measured objects, all or none. measured: each with
+    the object of the limit surface; states: by their session identifiers, as they were read. Raises ComputeError."""
+    mesh_values.write_deviations([*measured], answers, settings)
+    for each, target in measured.items():
+        _remember_measurement(each, target, states[each.session_uid])
+
+
 def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
     """Write the inputs of new depths to the mesh (``still_holds.remember_depths``), after its last change by us."""
     note = noted(mesh)
@@ -87,7 +110,7 @@ def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
             noted(each).is_uncovered = False
 
 
-def remember_measurement(measured: bpy.types.Object, *given: Any) -> None:
+def _remember_measurement(measured: bpy.types.Object, *given: Any) -> None:
     """Write the inputs of a new measurement to the object and its mesh (``still_holds.remember_measurement``), after
     its last change by us."""
     note = noted(measured.data)
