@@ -53,8 +53,10 @@ def test_the_result_of_a_rigid_body_is_one_as_well() -> None:
     holder = hills()
     addon.select(holder)
     bpy.ops.rigidbody.object_add()
+    holder.modifiers.new("Mirror", "MIRROR")
     [result] = subdivide(holder, tolerance=ROUGH)
     assert result.rigid_body is not None
+    assert result.data.ccdepth.base_faces == 2 * faces(holder)
     assert set(result.users_collection) == set(holder.users_collection)
 
 
