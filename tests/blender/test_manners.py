@@ -155,6 +155,28 @@ def test_a_run_that_is_stopped_changes_nothing(case: str, monkeypatch: pytest.Mo
         bpy.ops.object.mode_set(mode="OBJECT")
 
 
+@pytest.mark.parametrize(
+    ("operator", "module", "work"),
+    [
+        ("compute", "compute_depth", "compute_depths"),
+        ("measure", "measure_deviation", "measure"),
+        ("subdivide", "adaptive_operator", "subdivide"),
+    ],
+)
+def test_an_object_that_has_another_mesh_meanwhile_gets_nothing(
+    operator: str, module: str, work: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holder, other = scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
+    run = getattr(addon.module(f"operators.{module}"), work)
+    replaced = lambda *given: setattr(holder, "data", other.data) or run(*given)  # noqa: E731
+    monkeypatch.setattr(addon.module(f"operators.{module}"), work, replaced)
+    addon.select(holder)
+    with pytest.raises(RuntimeError, match="changed in the meantime: nothing was written"):
+        getattr(bpy.ops.ccdepth, operator)()
+    assert addon.is_untouched([holder, other])
+    assert len(bpy.data.objects) == 2
+
+
 @pytest.mark.parametrize("case", [case for case in CASES if "in Edit Mode" in case])
 def test_edit_mode_goes_on(case: str) -> None:
     prepare, operator, settings = CASES[case]

@@ -559,6 +559,17 @@ def test_a_duplicate_of_another_scale_that_goes_away() -> None:
     assert stale_line(first) == mesh_line(first)
 
 
+def test_of_objects_with_one_mesh_the_last_measured_one_counts() -> None:
+    first = scene.add_object(meshes.cube(), "First")
+    second = scene.add("Second", first.data)
+    for each in (first, second):
+        addon.measure(each)
+    second.scale.x = 2.0
+    addon.examine_touched()
+    line = addon.module("ui.deviation_panel").stale_line(bpy.context.scene.ccdepth, first.data)
+    assert line == "Out of date: “Second” was scaled"
+
+
 def test_files_are_examined_when_they_are_loaded(made: Made, tmp_path: Path) -> None:
     for kinds in ("", ALL):
         scene.open_again(tmp_path)
