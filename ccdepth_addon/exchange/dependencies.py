@@ -14,9 +14,10 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
+from .blender_arrays import read_values
 from .changes import known_changes
 from .control_mesh import gram_matrix
-from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, checksum_of_points, own_checksum
+from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, own_checksum
 from .modifiers import (
     OF_OBJECT,
     SIMULATIONS,
@@ -103,7 +104,14 @@ def _shape_keys(holder: bpy.types.Object) -> Iterator[str]:
     if keys is None:
         return
     blocks = [
-        (key.value, key.mute, key.vertex_group, key.relative_key.name, key.name, checksum_of_points(key.data))
+        (
+            key.value,
+            key.mute,
+            key.vertex_group,
+            key.relative_key.name,
+            key.name,
+            crc32(read_values(key.data, "co", np.float32, 3).data),
+        )
         for key in keys.key_blocks
     ]
     shown = holder.active_shape_key_index if holder.show_only_shape_key else None
