@@ -16,7 +16,7 @@ from ..exchange.adaptive_mesh import UV_SMOOTH, new_mesh
 from ..exchange.changes import paused
 from ..exchange.control_mesh import base_mesh, counted_copies, read
 from ..exchange.data_blocks import is_writable, meshes_with, own_copy, removed_on_failure
-from ..exchange.dependencies import object_state
+from ..exchange.dependencies import ObjectState, object_state
 from ..exchange.evaluated import Evaluated, batches
 from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, left_out_sculpting, subdivision_modifier
@@ -109,13 +109,8 @@ def place(
             undo.pop_all()
     # New objects have no matrix before.
     context.view_layer.update()
+    out_of_date.remember_depths({each.mesh: (each.made.geometry, each.made.depths, _states(each)) for each in places})
     for each in places:
-        # The proof holds for the scales that were read, and not for objects of other scales that share the mesh.
-        states = [
-            replace(object_state(user, use_modifiers=False), scale=target.scale)
-            for user, target in zip(each.users, each.made.answer.task.targets, strict=True)
-        ]
-        out_of_date.remember_depths(each.mesh, each.made.geometry, each.made.depths, states)
         if way is in_results and each.was_cleared:
             mesh_values.clear(each.mesh)
         for user, source, checksum in zip(each.users, each.sources, each.made.sources, strict=True):
@@ -125,6 +120,16 @@ def place(
             else:
                 out_of_date.remember_made(user, source, settings, each.materials, checksum)
     return [user for each in places for user in each.users], notes
+
+
+def _states(place: Placement) -> list[ObjectState]:
+    """The states of the users, with the scales that were read: for those the proof holds, and not for objects of other
+    scales that share the mesh."""
+    targets = place.made.answer.task.targets
+    return [
+        replace(object_state(user, use_modifiers=False), scale=target.scale)
+        for user, target in zip(place.users, targets, strict=True)
+    ]
 
 
 def _sources(answer: AdaptiveAnswer) -> list[bpy.types.Object]:

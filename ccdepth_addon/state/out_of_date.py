@@ -14,8 +14,11 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
 from ..exchange.changes import begin_session, forget_checksums
+from ..exchange.dependencies import ObjectState
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from . import mesh_values, result_record, still_holds
@@ -81,8 +84,8 @@ def write_depths(holders: Sequence[bpy.types.Object], answers: Sequence[MeshDept
     """Write answers, with their records and inputs, to the meshes of these objects, all or none. Raises
     ComputeError."""
     mesh_values.write_depths(holders, answers, settings)
-    for holder, answer in zip(holders, answers, strict=True):
-        remember_depths(holder.data, answer.task.geometry, answer.depths, answer.task.states)
+    inputs = [(answer.task.geometry, answer.depths, answer.task.states) for answer in answers]
+    remember_depths(dict(zip([holder.data for holder in holders], inputs, strict=True)))
 
 
 def write_deviations(
@@ -98,15 +101,18 @@ def write_deviations(
         _remember_measurement(each, target, states[each.session_uid])
 
 
-def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
-    """Write the inputs of new depths to the mesh (``still_holds.remember_depths``), after its last change by us."""
-    note = noted(mesh)
-    change = note.change
-    still_holds.remember_depths(mesh, *given)
+def remember_depths(written: Mapping[bpy.types.Mesh, tuple[int, NDArray[np.int32], Sequence[ObjectState]]]) -> None:
+    """Write the inputs of new depths to their meshes (``still_holds.remember_depths``), after our last change of
+    these."""
+    changes = {mesh: noted(mesh).change for mesh in written}
+    for mesh, inputs in written.items():
+        still_holds.remember_depths(mesh, *inputs)
     bpy.context.view_layer.update()
-    note.change, note.is_stale, note.is_unchecked = change, False, False
+    for mesh, change in changes.items():
+        note = noted(mesh)
+        note.change, note.is_stale, note.is_unchecked = change, False, False
     for each in bpy.data.objects:
-        if each.data == mesh:
+        if each.data in written:
             noted(each).is_uncovered = False
 
 
