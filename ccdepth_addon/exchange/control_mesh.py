@@ -163,14 +163,14 @@ class ControlMesh:
 
 
 def own_diagonal(blender_object: bpy.types.Object) -> float:
-    """The diagonal of an object whose control mesh is its own mesh, or in Edit Mode the edited mesh. Only positions and
-    corners are read."""
-    with own_mesh(blender_object) as mesh:
-        positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3)
-        has_faces = np.zeros(len(positions), dtype=np.bool_)
-        has_faces[read_built_in(mesh.attributes, ".corner_vert", "value", np.int32)] = True
-        world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
-        return diagonal_of(positions.astype(np.float64), has_faces, world)
+    """The diagonal of an object whose control mesh is its own mesh, in Object Mode. Only positions and corners are
+    read."""
+    attributes = blender_object.data.attributes
+    positions = read_built_in(attributes, "position", "vector", np.float32, 3)
+    has_faces = np.zeros(len(positions), dtype=np.bool_)
+    has_faces[read_built_in(attributes, ".corner_vert", "value", np.int32)] = True
+    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
+    return diagonal_of(positions.astype(np.float64), has_faces, world)
 
 
 def diagonal_of(positions: FloatArray, has_faces: BoolArray, world: FloatArray) -> float:
