@@ -16,7 +16,7 @@ from ..tasks.reduce_task import triangle_count
 from ..tasks.surfaces import ComputeError
 from ..ui.lengths import bound_texts, count_text, printable
 from .mesh_operators import LongOperator, Steps, Work
-from .place_results import NewMesh, Way, beside, instead, make_meshes, place
+from .place_results import NewMesh, Way, beside, in_results, instead, make_meshes, place
 from .reduced_meshes import Reducer
 from .refusals import LINKED, hidden_fault, name_fault, refuse, still_there
 from .scene_objects import edit_mode_left
@@ -78,7 +78,8 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
             placed, more = place(context, made, names, way)
             if is_editing and way is beside:
                 edited[:] = [each.session_uid for each in placed]
-        self.report_skipped(context)
+        if way is not in_results:
+            self.report_skipped(context)
         self._report_made(made, notes + more, placed)
         return {"FINISHED"}
 
