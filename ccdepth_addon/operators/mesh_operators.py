@@ -237,10 +237,10 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             self.report({"INFO"}, f"Skipped {objects} without a mesh")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return self._begin(context, inf) or {"CANCELLED"}
+        return self._go_on(context, inf) or {"CANCELLED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        ended = self._begin(context, inf if bpy.app.background else PATIENCE_AT_START)
+        ended = self._go_on(context, inf if bpy.app.background else PATIENCE_AT_START)
         if ended:
             return ended
         self._timer = context.window_manager.event_timer_add(SECONDS_BETWEEN_TICKS, window=context.window)
@@ -276,14 +276,11 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             self._run.give_up()
         self._end()
 
-    def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
-        self._take_settings(context.scene.ccdepth)
-        return self._go_on(context, seconds)
-
     def _go_on(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
         """Work for a while; returns the operator's status at its end, and None before."""
         try:
             if self._run is None:
+                self._take_settings(context.scene.ccdepth)
                 in_threads = self.options.is_invoke and not bpy.app.background
                 self._run = Job(self.steps(context), in_threads=in_threads)
             if not self._needed <= _present(context):
