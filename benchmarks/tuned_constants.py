@@ -844,7 +844,7 @@ ENTRIES = [
     Entry("operators.reduced_meshes.ROUNDS_FOR_LINES", "1", set_to(1), REDUCED),
     # Blender's side.
     at_once("exchange.evaluated.OBJECTS_AT_ONCE", "objects with modifiers"),
-    Entry("exchange.control_mesh.read_control_mesh", "shared meshes read each time", by(not_shared), ("objects",)),
+    Entry("exchange.control_mesh.read", "shared meshes read each time", by(not_shared), ("objects",)),
     Entry(
         "exchange.dependencies.object_state",
         "other objects described each time",

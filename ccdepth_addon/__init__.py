@@ -5,6 +5,7 @@
 """
 
 import tomllib
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -28,6 +29,7 @@ MODULES = (
 WINDOW_MODULES = ("ui.overlay", "ui.legend")
 
 
+@cache
 def version() -> str:
     """The version of the extension, from its manifest alone."""
     return str(tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["version"])

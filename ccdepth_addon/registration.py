@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The registration of handlers and timers with Blender, the same everywhere."""
+"""Handlers, timers and redraws of Blender, the same everywhere."""
 
 from __future__ import annotations
 
@@ -44,3 +44,12 @@ def do_not_call(function: Callable[[], None]) -> None:
     """Cancel a requested call of the function."""
     if bpy.app.timers.is_registered(function):
         bpy.app.timers.unregister(function)
+
+
+def redraw(context: bpy.types.Context) -> None:
+    """Redraw every 3D View, with its sidebar."""
+    manager = context.window_manager
+    for window in manager.windows if manager else ():
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()

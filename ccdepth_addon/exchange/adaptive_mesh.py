@@ -41,8 +41,7 @@ def new_mesh(
     ``base`` is not changed. Vertices and edges without faces stay unchanged. Our own values are left out.
     """
     mesh = own_copy(base)
-    with removed_on_failure() as made, held(mesh) as holder:
-        made.append(mesh.session_uid)
+    with removed_on_failure([mesh.session_uid]), held(mesh) as holder:
         groups = [(group.name, group.lock_weight) for group in holder.vertex_groups]
         active = holder.vertex_groups.active_index
         remove_shape_keys(holder)

@@ -13,7 +13,6 @@ Like the Subdivision Surface modifier when it is applied, but for these:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import bpy
@@ -27,7 +26,6 @@ from ..core import (
     PolygonMesh,
     ShortIndexArray,
     SubdividedMesh,
-    SurfacePoints,
     at_corners,
     at_vertices,
     crease_to_sharpness,
@@ -103,37 +101,24 @@ class AttributeTransfer:
     def _spread(self, attribute: bpy.types.Attribute, values: Values) -> Values:
         """Values at the vertices or corners of the base, interpolated at the vertices or corners of the new mesh."""
         if attribute.domain == "CORNER":
-            return self._interpolated(attribute.data_type, values, self._at_corners)
-        corner_values = values[self.control.corner_vertices]
-
-        def at(points: SurfacePoints) -> Values:
-            return self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
-
+            return at_corners(self.subdivided, self._interpolated(values))
+        at = self._interpolated(values[self.control.corner_vertices])
         return at_vertices(self.subdivided, values, at, self.subdivided.base_vertices >= 0)
 
-    def _interpolated(self, data_type: str, values: Values, sample: Callable[[Evaluate], Values]) -> Values:
-        """``values`` (C, D) at the base's corners, interpolated to the points of ``sample``."""
-        if data_type == "BOOLEAN":
-            # True if one corner with a weight is, as in the modifier.
-            return self._linearly(values.astype(np.float64), sample) > 0
-        return self._linearly(values.astype(np.float64), sample)
-
-    def _linearly(self, values: Values, sample: Callable[[Evaluate], Values]) -> Values:
-        return sample(lambda points: interpolated(self.control, values, points))
+    def _interpolated(self, values: Values) -> Evaluate:
+        """The values (C, D) at the base's corners, interpolated to any points; booleans are true if one corner with a
+        weight is, as in the modifier."""
+        numbers = values.astype(np.float64)
+        if values.dtype == np.bool_:
+            return lambda points: interpolated(self.control, numbers, points) > 0
+        return lambda points: interpolated(self.control, numbers, points)
 
     def _uv_map(self, attribute: bpy.types.Attribute) -> Values:
         uvs = _rows(attribute.data, TYPES["FLOAT2"])
         if self.uv_smooth == "NONE" or not np.isfinite(uvs).all():
-            return self._interpolated("FLOAT2", uvs, self._at_corners)
+            return at_corners(self.subdivided, self._interpolated(uvs))
         surface = face_varying_surface(self.control, uvs, self.uv_smooth)
-
-        def on_surface(points: SurfacePoints) -> Values:
-            return limit_values(surface, surface.positions[:, :2], points)
-
-        return self._at_corners(on_surface)
-
-    def _at_corners(self, evaluate: Evaluate) -> Values:
-        return at_corners(self.subdivided, evaluate)
+        return at_corners(self.subdivided, lambda points: limit_values(surface, surface.positions[:, :2], points))
 
     def _write_texts(self, mesh: bpy.types.Mesh, attribute: bpy.types.Attribute) -> None:
         texts = [item.value for item in attribute.data]

@@ -66,6 +66,18 @@ def face_sizes(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
     return np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=np.int32(len(mesh.loops)))
 
 
+def products(positions: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(V, 3): the matrix (3, 3) times each position (V, 3), summed column by column: equal points stay equal."""
+    x, y, z = np.ascontiguousarray(positions.T)
+    moved = np.empty_like(positions)
+    for axis, weights in enumerate(matrix):
+        along = x * weights[0]
+        along += y * weights[1]
+        along += z * weights[2]
+        moved[:, axis] = along
+    return moved
+
+
 def write_values(items: Any, name: str, values: NDArray[Any], step: float = 0.0) -> None:
     """Write a property of every item of a collection in one go, and read it back once.
 

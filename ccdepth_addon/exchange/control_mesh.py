@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
@@ -23,10 +23,10 @@ from ..core import (
     apply_boundary_rule,
     largest_coordinates,
 )
-from .blender_arrays import read_built_in
+from .blender_arrays import products, read_built_in
 from .evaluated import Evaluated, evaluated
 from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, mesh_face_count, own_mesh
-from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
+from .modifiers import SIMULATIONS, SurfaceRule, counted_modifiers, is_evaluated, surface_rule
 
 # The arrays that a mesh keeps when its vertices alone move.
 TOPOLOGY = ("face_starts", "corner_vertices", "corner_edges", "edge_vertices", "edge_sharpness", "vertex_sharpness")
@@ -122,13 +122,7 @@ class ControlMesh:
         # Positions that are not finite are found and refused later.
         with np.errstate(invalid="ignore"):
             mesh = self.mesh
-            x, y, z = np.ascontiguousarray(mesh.positions.T)
-            positions = np.empty_like(mesh.positions)
-            for axis, weights in enumerate(self.world):
-                along = x * weights[0]
-                along += y * weights[1]
-                along += z * weights[2]
-                positions[:, axis] = along
+            positions = products(mesh.positions, self.world)
             rounded = float(np.linalg.norm(np.abs(self.world) @ largest_coordinates(mesh)))
             return mesh.changed(positions=positions, rounded_size=rounded, axes=self.world)
 
@@ -169,14 +163,14 @@ class ControlMesh:
 
 
 def own_diagonal(blender_object: bpy.types.Object) -> float:
-    """The diagonal of an object whose control mesh is its own mesh, or in Edit Mode the edited mesh. Only positions and
-    corners are read."""
-    with own_mesh(blender_object) as mesh:
-        positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3)
-        has_faces = np.zeros(len(positions), dtype=np.bool_)
-        has_faces[read_built_in(mesh.attributes, ".corner_vert", "value", np.int32)] = True
-        world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
-        return diagonal_of(positions.astype(np.float64), has_faces, world)
+    """The diagonal of an object whose control mesh is its own mesh, in Object Mode. Only positions and corners are
+    read."""
+    attributes = blender_object.data.attributes
+    positions = read_built_in(attributes, "position", "vector", np.float32, 3)
+    has_faces = np.zeros(len(positions), dtype=np.bool_)
+    has_faces[read_built_in(attributes, ".corner_vert", "value", np.int32)] = True
+    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
+    return diagonal_of(positions.astype(np.float64), has_faces, world)
 
 
 def diagonal_of(positions: FloatArray, has_faces: BoolArray, world: FloatArray) -> float:
@@ -204,31 +198,35 @@ def gram_matrix(world: FloatArray) -> FloatArray:
 SharedMeshes = dict[tuple[int, SurfaceRule], ControlMesh]
 
 
-def read_control_mesh(
-    context: bpy.types.Context,
-    blender_object: bpy.types.Object,
-    *,
-    use_modifiers: bool,
-    shared: SharedMeshes | None = None,
-    copies: Evaluated | None = None,
+def counted_copies(
+    context: bpy.types.Context, objects: Iterable[bpy.types.Object], *, use_modifiers: bool
+) -> AbstractContextManager[Evaluated]:
+    """Copies of the present objects with their ``counted_modifiers``, for ``read``."""
+    context.view_layer.update()
+    return evaluated(context, {each: counted_modifiers(each, use_modifiers=use_modifiers) for each in objects})
+
+
+def read(
+    blender_object: bpy.types.Object, copies: Evaluated, *, use_modifiers: bool, shared: SharedMeshes | None = None
 ) -> ControlMesh:
     """The object's control mesh; in Edit Mode, of the edited mesh.
 
-    shared: the meshes read so far, for other objects that use the same mesh. copies: with the ``counted_modifiers`` of
-    this object and others; without copies, Blender evaluates this object alone. The file is not changed. Raises
-    ControlMeshError if the modifiers leave no trace of the object's faces, and InvalidMeshError for a control mesh
-    without faces.
+    copies: as of ``counted_copies``, of this object and others. shared: the meshes read so far, for other objects that
+    use the same mesh. Raises ControlMeshError if something that cannot be counted shapes the control mesh, and
+    InvalidMeshError for one without faces.
     """
     counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
-    if copies is None:
-        context.view_layer.update()
-        with evaluated(context, {blender_object: counted}) as alone:
-            return read_control_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone)
-    rule, world = _rule_and_world(blender_object, counted)
+    rule = surface_rule(blender_object)
+    _refuse_crease_groups(blender_object, rule)
+    _refuse_simulations(counted)
+    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
     data = blender_object.data
     if is_evaluated(blender_object, counted):
-        mesh, base_faces = _read_evaluated(copies, blender_object, rule)
-        return ControlMesh.of(mesh, rule, base_faces, world)
+        made, base_faces = copies.made(blender_object)
+        arrays = mesh_arrays(made, rule)
+        if not arrays.face_count and mesh_face_count(data):
+            raise InvalidMeshError("its modifiers leave no faces of the mesh")
+        return ControlMesh.of(arrays, rule, base_faces, world)
     shared = {} if shared is None else shared
     if (data.session_uid, rule) not in shared:
         with own_mesh(blender_object) as own:
@@ -236,41 +234,35 @@ def read_control_mesh(
     return replace(shared[data.session_uid, rule], world=world)
 
 
-def base_mesh(
-    context: bpy.types.Context,
-    blender_object: bpy.types.Object,
-    *,
-    use_modifiers: bool,
-    copies: Evaluated,
-    shared: SharedMeshes | None = None,
-) -> tuple[bpy.types.Mesh, ControlMesh]:
-    """The Blender mesh whose Catmull-Clark surface is used, with all its attributes, and its control mesh.
+def read_with_origins(
+    blender_object: bpy.types.Object, copies: Evaluated, *, use_modifiers: bool, shared: SharedMeshes | None = None
+) -> ControlMesh:
+    """The control mesh, as of ``read``, with values for the faces of the object's own mesh. Raises ControlMeshError if
+    the modifiers leave no trace of these."""
+    control = read(blender_object, copies, use_modifiers=use_modifiers, shared=shared)
+    loss = None if control.base_faces is None else copies.loss_of_faces(blender_object, control.base_faces)
+    if loss is not None:
+        raise ControlMeshError(
+            f"the modifier {loss} of the mesh, so the mesh's own faces have no depths: apply the modifier, or turn "
+            "Include Modifiers off"
+        )
+    return control
 
-    In Object Mode. The mesh is the object's own, or with counted modifiers their mesh, which lasts as long as the
-    copies. Unlike depths, an adaptive mesh need not know the origins of its faces. copies: with the ``base_modifiers``
-    of this object and others. shared: as of ``read_control_mesh``.
-    """
-    applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
-    if not applied:
-        control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared, copies=copies)
-        return blender_object.data, control
-    rule, world = _rule_and_world(blender_object, applied)
+
+def read_alone(context: bpy.types.Context, blender_object: bpy.types.Object, *, use_modifiers: bool) -> ControlMesh:
+    """``read_with_origins`` for one object, which Blender evaluates by itself."""
+    with counted_copies(context, [blender_object], use_modifiers=use_modifiers) as copies:
+        return read_with_origins(blender_object, copies, use_modifiers=use_modifiers)
+
+
+def base_mesh(blender_object: bpy.types.Object, copies: Evaluated, *, use_modifiers: bool) -> bpy.types.Mesh:
+    """The Blender mesh whose Catmull-Clark surface is used, with all its attributes, in Object Mode: the object's own,
+    or with counted modifiers their mesh, which lasts as long as the copies."""
+    if not counted_modifiers(blender_object, use_modifiers=use_modifiers):
+        return blender_object.data
     mesh = copies.without_origins(blender_object)
     _copy_custom_properties(blender_object.data, mesh)
-    arrays = mesh_arrays(mesh, rule)
-    _refuse_no_faces(blender_object, arrays)
-    return mesh, ControlMesh.of(arrays, rule, None, world)
-
-
-def _rule_and_world(
-    blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]
-) -> tuple[SurfaceRule, FloatArray]:
-    """The rule of the object's surface, and the linear part of its matrix. Raises ControlMeshError if something that
-    cannot be counted shapes the control mesh."""
-    rule = surface_rule(blender_object)
-    _refuse_crease_groups(blender_object, rule)
-    _refuse_simulations(modifiers)
-    return rule, np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
+    return mesh
 
 
 def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
@@ -295,29 +287,6 @@ def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -
                 f"it has a vertex group called “{name}”, which the Subdivision Surface modifier takes for creases; "
                 "rename it"
             )
-
-
-def _read_evaluated(
-    copies: Evaluated, blender_object: bpy.types.Object, rule: SurfaceRule
-) -> tuple[PolygonMesh, IndexArray]:
-    """The mesh that the counted modifiers make, and the origins of its faces among the faces of the object's own
-    mesh."""
-    made, base_faces = copies.made(blender_object)
-    mesh = mesh_arrays(made, rule)
-    _refuse_no_faces(blender_object, mesh)
-    loss = copies.loss_of_faces(blender_object, base_faces) if mesh.face_count else None
-    if loss is not None:
-        raise ControlMeshError(
-            f"the modifier {loss} of the mesh, so the mesh's own faces have no depths: apply the modifier, or turn "
-            "Include Modifiers off"
-        )
-    return mesh, base_faces
-
-
-def _refuse_no_faces(blender_object: bpy.types.Object, made: PolygonMesh) -> None:
-    """Raise InvalidMeshError if the modifiers leave none of the faces of the object's own mesh."""
-    if not made.face_count and mesh_face_count(blender_object.data):
-        raise InvalidMeshError("its modifiers leave no faces of the mesh")
 
 
 def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:

@@ -55,13 +55,13 @@ def held(mesh: bpy.types.Mesh) -> Iterator[bpy.types.Object]:
 
 
 @contextmanager
-def removed_on_failure() -> Iterator[list[int]]:
-    """A list for the session identifiers of new meshes, which are removed if this context fails."""
-    made: list[int] = []
+def removed_on_failure(made: list[int]) -> Iterator[list[int]]:
+    """Remove new meshes if this context fails, unless objects use them. made: their session identifiers, of which more
+    may come."""
     try:
         yield made
     except BaseException:
-        bpy.data.batch_remove(meshes_with(made))
+        bpy.data.batch_remove([mesh for mesh in meshes_with(made) if not mesh.users])
         raise
 
 

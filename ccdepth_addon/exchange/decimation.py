@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
-from .blender_arrays import TYPES, read_built_in, read_values, write_values
+from .blender_arrays import TYPES, products, read_built_in, read_values, write_values
 from .custom_normals import smooth_faces
 from .data_blocks import as_bmesh, meshes_with, own_copy, unused_name
 from .feature_lines import border_edges, changes_along_lines, line_edges, thin_lines
@@ -129,9 +129,7 @@ class Decimation:
         return positions.astype(np.float32)
 
     def _triangles(self, mesh: bpy.types.Mesh) -> TriangleMesh:
-        # Column by column and in this order, as for the control mesh: equal points stay equal.
-        x, y, z = self._stored(mesh).astype(np.float64).T
-        positions = np.stack([x * row[0] + y * row[1] + z * row[2] for row in self._world], axis=1)
+        positions = products(self._stored(mesh).astype(np.float64), self._world)
         corners = read_built_in(mesh.attributes, ".corner_vert", "value", np.int32).reshape(-1, 3)
         return TriangleMesh(positions, corners.astype(np.intp), smooth_faces(mesh))
 

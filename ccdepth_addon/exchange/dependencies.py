@@ -14,11 +14,11 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
+from .blender_arrays import read_values
 from .changes import known_changes
 from .control_mesh import gram_matrix
-from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, checksum_of_points, own_checksum
+from .mesh_arrays import CREASE_DOMAINS, attributes_checksum, own_checksum
 from .modifiers import (
-    NOT_SHAPING,
     OF_OBJECT,
     SIMULATIONS,
     counted_modifiers,
@@ -89,9 +89,8 @@ def compared(one: str, other: str) -> bool | None:
 
 
 def _checksum(holder: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], texts: Sequence[str]) -> str:
-    shaping = [each for each in modifiers if each.type not in NOT_SHAPING]
-    described = [*texts, *_shape_keys(holder), *map(_modifier, shaping)]
-    others = any(map(_depends_on_more, shaping))
+    described = [*texts, *_shape_keys(holder), *map(_modifier, modifiers)]
+    others = any(map(_depends_on_more, modifiers))
     if others:
         described.append(str(own_checksum(holder, attributes_checksum)))
     checksum = f"{crc32(chr(10).join(described).encode(errors='backslashreplace')):08x}"
@@ -105,7 +104,14 @@ def _shape_keys(holder: bpy.types.Object) -> Iterator[str]:
     if keys is None:
         return
     blocks = [
-        (key.value, key.mute, key.vertex_group, key.relative_key.name, key.name, checksum_of_points(key.data))
+        (
+            key.value,
+            key.mute,
+            key.vertex_group,
+            key.relative_key.name,
+            key.name,
+            crc32(read_values(key.data, "co", np.float32, 3).data),
+        )
         for key in keys.key_blocks
     ]
     shown = holder.active_shape_key_index if holder.show_only_shape_key else None

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray, IndexArray, InvalidMeshError
-from .blender_arrays import face_sizes, read_built_in, read_values
+from .blender_arrays import face_sizes, products, read_built_in, read_values
 from .control_mesh import ControlMeshError
 from .evaluated import evaluated
 from .face_values import AttributeKind, has_values
 from .mesh_arrays import own_mesh
-from .modifiers import NOT_SHAPING, SIMULATIONS, is_evaluated
+from .modifiers import SIMULATIONS, is_evaluated, shown_modifiers
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,7 @@ class ShownMesh:
 
     def positions_from(self, origin: FloatArray) -> FloatArray:
         """(V, 3): the positions in the scene, relative to a point."""
-        # Column by column and in this order, as for the control mesh: equal points stay equal.
-        x, y, z = self.triangles.positions.T
-        offset = self.location - origin
-        columns = [x * row[0] + y * row[1] + z * row[2] + along for row, along in zip(self.linear, offset, strict=True)]
-        return np.stack(columns, axis=1)
+        return products(self.triangles.positions, self.linear) + (self.location - origin)
 
     def normals(self) -> FloatArray | None:
         """(T, 3, 3): unit normals at the corners of the triangles in the scene, if known."""
@@ -66,11 +62,6 @@ class ShownMesh:
         largest = np.abs(self.triangles.positions).max(axis=0, initial=0.0)
         terms = np.abs(self.linear) @ largest + np.abs(self.location) + np.abs(origin)
         return float(16 * 2.0**-53 * terms.max())
-
-
-def shown_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """The modifiers that shape the shown mesh; in Edit Mode, those of Object Mode as well."""
-    return [m for m in blender_object.modifiers if m.show_viewport and m.type not in NOT_SHAPING]
 
 
 def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object) -> ShownMesh:

@@ -79,12 +79,12 @@ def batches(items: Iterable[Item], size_of: Callable[[Item], int], most: int) ->
 @dataclass
 class _Copy:
     """A copy of an object. faces: the number of faces of the object's own mesh; origins: the attribute with the numbers
-    of faces; made: the mesh that the modifiers have made."""
+    of faces; made: the mesh that the modifiers have made, and the origins of its faces."""
 
     holder: bpy.types.Object
     faces: int
     origins: str
-    made: bpy.types.Mesh | None = None
+    made: tuple[bpy.types.Mesh, IndexArray] | None = None
 
     def origins_on(self, mesh: bpy.types.Mesh) -> IndexArray:
         return _read_origins(mesh, self.origins, self.faces)
@@ -146,10 +146,12 @@ class Evaluated:
             # All at once: each new mesh would have the scene evaluated again for the next.
             depsgraph = self._context.evaluated_depsgraph_get()
             for each in self._copies.values():
-                each.made = bpy.data.meshes.new_from_object(
+                mesh = bpy.data.meshes.new_from_object(
                     each.holder.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
                 )
-        return copy.made, copy.origins_on(copy.made)
+                each.made = mesh, each.origins_on(mesh)
+        assert copy.made is not None
+        return copy.made
 
     def without_origins(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
         """The mesh with the user's attributes alone."""
@@ -197,7 +199,7 @@ class Evaluated:
         if self._context.scene.rigidbody_world is not None:
             # The removal of an object that is still evaluated ends the caches of rigid bodies.
             self._context.view_layer.update()
-        made = [copy.made for copy in copies if copy.made is not None]
+        made = [copy.made[0] for copy in copies if copy.made is not None]
         bpy.data.batch_remove([*(copy.holder for copy in copies), *(mesh for mesh, _ in self._meshes.values()), *made])
 
 

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .blender_arrays import TYPES, ValueType, face_sizes, find_attribute, read_values, write_attribute
+from .blender_arrays import TYPES, ValueType, find_attribute, read_values, write_attribute
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
@@ -188,12 +188,3 @@ def _remove_layers_while_editing(mesh: bpy.types.Mesh) -> None:
         if layer is not None:
             layers.remove(layer)
     bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
-
-
-def write_colors(mesh: bpy.types.Mesh, colors: NDArray[np.float32]) -> None:
-    """Write and display colours of faces (F, 4), linear, as a colour attribute, in Object Mode.
-
-    Raises WriteError, with nothing changed, if Blender does not keep the colours.
-    """
-    write_face_values(mesh, {COLOR_KIND: np.repeat(colors, face_sizes(mesh), axis=0)})
-    mesh.attributes.active_color_name = COLOR

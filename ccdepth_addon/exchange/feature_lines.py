@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..core import BoolArray, FloatArray, ShortIndexArray
 from .attributes import MARKS
-from .blender_arrays import TYPES, read_built_in, read_values
+from .blender_arrays import TYPES, face_sizes, read_built_in, read_values
 from .data_blocks import as_bmesh
 
 # Values on both sides of an edge make a line if they differ by more than this part of the range of all values.
@@ -49,7 +49,7 @@ def line_edges(mesh: bpy.types.Mesh) -> ShortIndexArray:
     edges = read_built_in(mesh.attributes, ".edge_verts", "value", np.int32, 2)
     corner_edges = read_built_in(mesh.attributes, ".corner_edge", "value", np.int32)
     starts = read_values(mesh.polygons, "loop_start", np.int32)
-    sizes = np.diff(starts, append=len(corner_edges))
+    sizes = face_sizes(mesh)
     is_line = np.zeros(len(edges), dtype=bool)
     for mark in EDGE_MARKS:
         if len(edges) and hasattr(mesh.edges[0], mark):

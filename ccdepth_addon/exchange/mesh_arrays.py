@@ -140,11 +140,6 @@ def attributes_checksum(mesh: bpy.types.Mesh, checksum: int = 0) -> int:
     return checksum
 
 
-def checksum_of_points(points: Any, name: str = "co", width: int = 3) -> int:
-    """A checksum of one vector for every item of a collection."""
-    return crc32(read_values(points, name, np.float32, width).tobytes())
-
-
 def continued(checksum: int, name: str, values: NDArray[Any]) -> int:
     """The checksum with an attribute of the mesh added."""
     return crc32(values.data, crc32(name.encode(), checksum))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import bpy
 
@@ -66,18 +67,16 @@ def simplified_levels(scene: bpy.types.Scene) -> tuple[int, int] | None:
 
 
 def counted_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
-    """The modifiers above the Subdivision Surface modifier that show in the viewport; none if modifiers do not
+    """The modifiers above the Subdivision Surface modifier that shape the shown mesh; none if modifiers do not
     count."""
-    if not use_modifiers:
-        return []
-    last = subdivision_modifier(blender_object)
-    counted = []
-    for modifier in blender_object.modifiers:
-        if last is not None and modifier.name == last.name:
-            break
-        if modifier.show_viewport:
-            counted.append(modifier)
-    return counted
+    last, shown = subdivision_modifier(blender_object), shown_modifiers(blender_object) if use_modifiers else []
+    above = {each.name for each in takewhile(lambda each: each != last, blender_object.modifiers)}
+    return [each for each in shown if each.name in above]
+
+
+def shown_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """The modifiers that shape the mesh shown in the viewport; in Edit Mode, those of Object Mode as well."""
+    return [each for each in blender_object.modifiers if each.show_viewport and each.type not in NOT_SHAPING]
 
 
 def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.Modifier]) -> bool:
@@ -89,15 +88,9 @@ def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.M
 
 def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
     """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and the counted modifiers."""
-    base = base_modifiers(blender_object, use_modifiers=use_modifiers)
-    subdivision = subdivision_modifier(blender_object)
-    return base if subdivision is None else [*base, subdivision]
-
-
-def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
-    """The applied modifiers that make the base mesh: all but the Subdivision Surface modifier."""
     counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
-    return [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
+    subdivision = subdivision_modifier(blender_object)
+    return counted if subdivision is None else [*counted, subdivision]
 
 
 def left_out_sculpting(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
@@ -115,4 +108,4 @@ def sculpted(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
 def has_own_keys(blender_object: bpy.types.Object, *, use_modifiers: bool) -> bool:
     """Whether the base mesh has shape keys; if modifiers make the mesh, keys are applied."""
     has_keys = blender_object.data.shape_keys is not None
-    return has_keys and not base_modifiers(blender_object, use_modifiers=use_modifiers)
+    return has_keys and not counted_modifiers(blender_object, use_modifiers=use_modifiers)

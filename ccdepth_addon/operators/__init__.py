@@ -7,8 +7,8 @@ from pkgutil import iter_modules
 import bpy
 
 from ..state import watch
-from . import job
-from .update_result import KEEPING_UPDATED
+from . import mesh_operators
+from .update_result import start_keeping_updated
 
 
 def _operators() -> list[type]:
@@ -20,11 +20,11 @@ def _operators() -> list[type]:
 def register() -> None:
     for operator in _operators():
         bpy.utils.register_class(operator)
-    watch.clients.append(KEEPING_UPDATED)
+    watch.after_examination.append(start_keeping_updated)
 
 
 def unregister() -> None:
-    watch.clients.remove(KEEPING_UPDATED)
-    job.stop_all()
+    watch.after_examination.remove(start_keeping_updated)
+    mesh_operators.stop_all()
     for operator in _operators():
         bpy.utils.unregister_class(operator)

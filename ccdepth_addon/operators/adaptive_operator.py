@@ -1,27 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apply Adaptive Subdivision, and the common base of this operator, Update Result and Count Faces."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 
 import bpy
 
-from ..exchange.modifiers import base_modifiers, has_own_keys, left_out_sculpting
-from ..state import heat_map, known, out_of_date, properties, result_record
+from ..exchange.modifiers import counted_modifiers, has_own_keys, left_out_sculpting
+from ..state import heat_map, known, properties, result_record
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
 from ..tasks.surfaces import ComputeError
-from ..ui.lengths import bound_texts, printable
-from .job import Steps, Work
-from .long_operator import LongOperator
-from .place_results import NewMesh, make_meshes, place_meshes
+from ..ui.lengths import bound_texts, count_text, printable
+from .mesh_operators import LongOperator, Steps, Work
+from .place_results import NewMesh, Way, beside, in_results, instead, make_meshes, place
 from .reduced_meshes import Reducer
+from .refusals import LINKED, hidden_fault, name_fault, refuse, still_there
 from .scene_objects import edit_mode_left
-from .selected_meshes import LINKED, count_text, hidden_fault, name_fault, refuse, still_there
 
 
 class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):
@@ -30,18 +28,16 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
     # The number of faces to be made, if counted before.
     counted: int | None = None
 
-    @contextmanager
-    def in_object_mode(
+    def read(
         self, context: bpy.types.Context, objects: Sequence[bpy.types.Object], sources: Sequence[bpy.types.Object]
-    ) -> Iterator[list[int]]:
-        """Leave Edit Mode while this context lasts, and end the run when one of these objects is deleted. Gives the
-        list of ``edit_mode_left``."""
+    ) -> Steps[list[AdaptiveTask]]:
+        """Read the sources in Object Mode, to make meshes for the objects; the run ends when one of these is deleted.
+        Raises ComputeError."""
         # The evaluation for reading looks like a change of the objects.
         counted = known.known_count(objects, self.settings())
         self.counted = None if counted is None else counted.faces
         self.end_without(context, [*objects, *sources])
-        with edit_mode_left(context) as edited:
-            yield edited
+        return (yield from prepare_adaptive(context, sources, self.settings(), objects))
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         settings = self.settings()
@@ -57,26 +53,39 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
 class MakingOperator(properties.MakingProperties, AdaptiveOperator):
     """An operator that makes adaptive meshes."""
 
-    def made(
+    def make(
         self,
         context: bpy.types.Context,
-        sources: Sequence[bpy.types.Object],
         objects: Sequence[bpy.types.Object],
-        text: Callable[[float], str],
-    ) -> Steps[tuple[list[NewMesh], list[str]]]:
-        """Make the meshes of sources for their objects; returns the meshes, and notes for the user. text: of the
-        progress in faces. Raises ComputeError."""
-        settings = self.settings()
+        sources: Sequence[bpy.types.Object],
+        way: Way,
+    ) -> Steps[set[str]]:
+        """Make the meshes of sources for objects, and place them in a way. Raises ComputeError."""
+        settings, is_editing = self.settings(), context.mode == "EDIT_MESH"
         # The shading angle is about the stored normals.
         exact_normals = self.exact_normals or self.shading_angle > 0
-        tasks = yield from prepare_adaptive(context, sources, settings, objects)
-        notes = [note for task in tasks for note in _notes(task, self.use_modifiers, exact_normals)]
-        answers = yield Work(partial(subdivide, tasks, settings), text, self.counted)
-        if not self.reduce:
-            return (yield from make_meshes(context, answers, settings, exact_normals=exact_normals)), notes
-        reducer = Reducer(context, settings, exact_normals=exact_normals)
-        made = yield from reducer.make(answers)
-        return made, notes + reducer.notes
+        with edit_mode_left(context) as edited:
+            tasks = yield from self.read(context, objects, sources)
+            notes = [note for task in tasks for note in _notes(task, self.use_modifiers, exact_normals)]
+            answers = yield Work(partial(subdivide, tasks, settings), self._progress_text, self.counted)
+            if self.reduce:
+                reducer = Reducer(context, settings, exact_normals=exact_normals)
+                made = yield from reducer.make(answers)
+                notes += reducer.notes
+            else:
+                made = yield from make_meshes(context, answers, settings, exact_normals=exact_normals)
+            names = properties.Settings.of(self, result_record.SETTINGS)
+            placed, more = place(context, made, names, way)
+            if is_editing and way is beside:
+                edited[:] = [each.session_uid for each in placed]
+        if way is not in_results:
+            self.report_skipped(context)
+        self._report_made(made, notes + more, placed)
+        return {"FINISHED"}
+
+    def _progress_text(self, faces: float) -> str:
+        of_all = "faces so far" if self.counted is None else f"of {self.counted:,} faces"
+        return f"Subdividing: {faces:,.0f} {of_all}"
 
     def making_fault(self, blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:
         """The reason why the object cannot have a mesh made from the source, or None."""
@@ -84,7 +93,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
             return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
         return result_fault(blender_object, source)
 
-    def report_made(self, made: list[NewMesh], notes: list[str], objects: list[bpy.types.Object]) -> None:
+    def _report_made(self, made: list[NewMesh], notes: list[str], objects: list[bpy.types.Object]) -> None:
         """Report the meshes made for these objects."""
         faces = count_text(sum(len(each.depths) for each in made), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
@@ -117,7 +126,7 @@ def _notes(task: AdaptiveTask, use_modifiers: bool, exact_normals: bool) -> list
     if source.data.has_custom_normals and not exact_normals:
         notes.append("its custom normals are left out; Exact Normals shades like the limit surface")
     keys = source.data.shape_keys
-    if keys is not None and base_modifiers(source, use_modifiers=use_modifiers):
+    if keys is not None and counted_modifiers(source, use_modifiers=use_modifiers):
         notes.append("its shape keys are applied, like the included modifiers")
     elif keys is not None and any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
         notes.append("the tolerance is not proved where a vertex group limits a shape key")
@@ -134,27 +143,9 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = chosen(context)
         refuse(objects, self._fault)
-        settings = properties.Settings.of(self, result_record.SETTINGS)
-        in_place, is_editing = self.output == "IN_PLACE", context.mode == "EDIT_MESH"
-        with self.in_object_mode(context, objects, objects) as edited:
-            made, notes = yield from self.made(context, objects, objects, self._progress_text)
-            placed = place_meshes(context, made, self.settings(), in_place=in_place)
-            for made_object, source, read in placed:
-                if in_place:
-                    # It came from nothing any more.
-                    result_record.forget(made_object)
-                else:
-                    out_of_date.remember_made(made_object, source, settings, made_object.data.materials, read)
-            if is_editing:
-                edited[:] = [made_object.session_uid for made_object, *_ in placed]
+        status = yield from self.make(context, objects, objects, instead if self.output == "IN_PLACE" else beside)
         heat_map.show(context, Shown.DISTANCE)
-        self.report_skipped(context)
-        self.report_made(made, notes, [made_object for made_object, *_ in placed])
-        return {"FINISHED"}
-
-    def _progress_text(self, faces: float) -> str:
-        of_all = "faces so far" if self.counted is None else f"of {self.counted:,} faces"
-        return f"Subdividing: {faces:,.0f} {of_all}"
+        return status
 
     def _fault(self, blender_object: bpy.types.Object) -> str | None:
         if not self.subdivide_results and result_record.is_adaptive(blender_object):

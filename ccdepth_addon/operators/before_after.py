@@ -6,8 +6,10 @@ import bpy
 from ..state import out_of_date, result_record
 from ..state.chosen import chosen
 from ..tasks.surfaces import ComputeError
+from ..ui.lengths import count_text
+from .mesh_operators import QuickOperator
+from .refusals import refuse
 from .scene_objects import can_be_shown, hide, show
-from .selected_meshes import QuickOperator, count_text, refuse
 
 
 class CCDEPTH_OT_before_after(QuickOperator):

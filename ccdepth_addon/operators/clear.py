@@ -8,12 +8,14 @@ import bpy
 from ..exchange.custom_normals import remove_normals
 from ..exchange.data_blocks import is_writable
 from ..exchange.face_values import COLOR
-from ..state import heat_map, mesh_values, result_record, still_holds, watch
+from ..registration import redraw
+from ..state import heat_map, mesh_values, result_record, still_holds
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.surfaces import naming
+from .mesh_operators import QuickOperator
+from .refusals import refuse_what_cannot_be_written
 from .scene_objects import edit_mode_left
-from .selected_meshes import QuickOperator, refuse_what_cannot_be_written
 
 
 class CCDEPTH_OT_clear(QuickOperator):
@@ -31,7 +33,7 @@ class CCDEPTH_OT_clear(QuickOperator):
         for mesh in cleared:
             mesh_values.clear(mesh)
             still_holds.forget_measured(mesh)
-        watch.redraw(context)
+        redraw(context)
         return {"FINISHED"}
 
 
@@ -86,7 +88,7 @@ class CCDEPTH_OT_remove_normals(QuickOperator):
             remove_normals(mesh)
             if mesh.ccdepth.shading_angle:
                 mesh_values.forget_angles(mesh)
-        watch.redraw(context)
+        redraw(context)
         return {"FINISHED"}
 
 

@@ -7,16 +7,15 @@ import bpy
 
 from ..core import needed_quality
 from ..exchange.modifiers import subdivision_modifier
-from ..state import heat_map, mesh_values, out_of_date, properties
+from ..state import heat_map, out_of_date, properties
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
 from ..tasks.surfaces import Surface
-from ..ui.lengths import printable
-from .job import Steps, Work
-from .long_operator import LongOperator
-from .selected_meshes import count_text, refuse_what_cannot_be_written, still_there
+from ..ui.lengths import count_text, printable
+from .mesh_operators import LongOperator, Steps, Work
+from .refusals import refuse_what_cannot_be_written, still_there
 
 
 class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
@@ -37,9 +36,7 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
         work = yield from prepare_depths(context, objects, settings)
         answers = yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0)
         holders = [still_there(each.task.holders, each.task.face_count)[0] for each in answers]
-        mesh_values.write_depths(holders, answers, settings)
-        for each, holder in zip(answers, holders, strict=True):
-            out_of_date.remember_depths(holder.data, each.task.geometry, each.depths, each.task.states)
+        out_of_date.write_depths(holders, answers, settings)
         heat_map.show(context, Shown.DEPTH)
         self._report(context, answers)
         return {"FINISHED"}

@@ -9,18 +9,19 @@ import bpy
 from ..state import known, properties, result_record
 from ..state.chosen import chosen
 from ..tasks.adaptive_meshes import FaceCount, best_tolerance, count_results, too_many_text
-from ..tasks.adaptive_task import AdaptiveTask, prepare_adaptive
+from ..tasks.adaptive_task import AdaptiveTask
 from ..tasks.surfaces import ComputeError
-from ..ui.lengths import printable
+from ..ui.lengths import count_text, printable
 from .adaptive_operator import AdaptiveOperator, result_fault
-from .job import Steps, Work
-from .selected_meshes import count_text, hidden_fault, refuse
+from .mesh_operators import Steps, Work
+from .refusals import hidden_fault, refuse
+from .scene_objects import edit_mode_left
 
 
 class CountingOperator(AdaptiveOperator):
     """An operator that predicts adaptive meshes, and makes none."""
 
-    def read(self, context: bpy.types.Context) -> Steps[list[AdaptiveTask]]:
+    def read_chosen(self, context: bpy.types.Context) -> Steps[list[AdaptiveTask]]:
         """Read the objects, or for results the sources of Update Result; returns the tasks. Raises ComputeError."""
         objects = chosen(context)
         sources = [result_record.control_object(each) for each in objects]
@@ -29,8 +30,8 @@ class CountingOperator(AdaptiveOperator):
             for each, source in zip(objects, sources, strict=True)
         }
         refuse(objects, faults.get)
-        with self.in_object_mode(context, objects, sources):
-            return (yield from prepare_adaptive(context, sources, self.settings(), objects))
+        with edit_mode_left(context):
+            return (yield from self.read(context, objects, sources))
 
 
 class CCDEPTH_OT_count_faces(CountingOperator):
@@ -41,7 +42,7 @@ class CCDEPTH_OT_count_faces(CountingOperator):
     bl_options: ClassVar[set[str]] = set()
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        tasks = yield from self.read(context)
+        tasks = yield from self.read_chosen(context)
         work = partial(count_results, tasks, self.settings())
         counts = yield Work(work, "Counting faces: {:,.0f} so far".format, self.counted)
         known.remember_count(context, tasks, self.settings(), counts)
@@ -62,7 +63,7 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         if self.face_budget > self.max_faces:
             raise ComputeError(f"The Face Limit is {self.max_faces:,}; raise it first")
-        tasks = yield from self.read(context)
+        tasks = yield from self.read_chosen(context)
         work = partial(best_tolerance, tasks, self.settings(), self.face_budget)
         fit = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, self.counted)
         if fit is None:

@@ -14,7 +14,7 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..core import BoolArray, IndexArray, InvalidMeshError, validate
 from ..exchange.blender_arrays import face_sizes, find_attribute, read_built_in, read_values, write_values
-from ..exchange.control_mesh import read_control_mesh
+from ..exchange.control_mesh import read_alone
 from ..exchange.evaluated import NO_ORIGIN
 from ..exchange.face_values import DEPTH_KIND, read_face_values
 from ..exchange.mesh_arrays import mesh_face_count
@@ -22,8 +22,9 @@ from ..state import known, mesh_values
 from ..state.chosen import chosen
 from ..state.still_holds import measured_to_show
 from ..tasks.surfaces import ComputeError, Faults
-from ..ui.lengths import printable
-from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse
+from ..ui.lengths import count_text, printable
+from .mesh_operators import QuickOperator
+from .refusals import mesh_fault, refuse
 
 # The attributes of Blender's selection in Object Mode, by domain.
 SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_poly"}
@@ -329,7 +330,7 @@ def _invalid_faces(context: bpy.types.Context) -> dict[bpy.types.Mesh, IndexArra
 def _own_faces_at_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> IndexArray:
     """The invalid faces of the object's own mesh. Raises InvalidMeshError if only faces of modifiers, or no faces, are
     at fault."""
-    control = read_control_mesh(context, blender_object, use_modifiers=context.scene.ccdepth.use_modifiers)
+    control = read_alone(context, blender_object, use_modifiers=context.scene.ccdepth.use_modifiers)
     try:
         validate(control.mesh)
     except InvalidMeshError as fault:

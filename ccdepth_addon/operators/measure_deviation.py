@@ -8,16 +8,15 @@ from functools import partial
 
 import bpy
 
-from ..state import heat_map, mesh_values, out_of_date, properties, still_holds
+from ..state import heat_map, out_of_date, properties, still_holds
 from ..state.chosen import to_measure
 from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import naming
 from ..ui.facts import deviation_text
 from ..ui.lengths import Rounding, bound_texts, common_unit, length_text, printable
-from .job import Steps, Work
-from .long_operator import LongOperator
-from .selected_meshes import refuse_what_cannot_be_written, still_there
+from .mesh_operators import LongOperator, Steps, Work
+from .refusals import refuse_what_cannot_be_written, still_there
 
 # The cause of an early end of a measurement, by whether it was the Time Limit.
 ENDED = {
@@ -50,11 +49,11 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         for task in tasks:
             with naming(task.surface.object_name):
                 answers += yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
-        found = [still_there([*each.holders, each.against]) for each in answers]
-        holders = [still_there(each.holders, len(each.deviations))[0] for each in answers]
-        mesh_values.write_deviations(holders, answers, settings)
-        for measured, (*_, target) in zip(holders, found, strict=True):
-            out_of_date.remember_measurement(measured, target, states[measured.session_uid])
+        measured = {}
+        for each in answers:
+            [target], [holder, *_] = still_there([each.against]), still_there(each.holders, len(each.deviations))
+            measured[holder] = target
+        out_of_date.write_deviations(measured, answers, settings, states)
         heat_map.show(context, Shown.DEVIATION)
         self.report_skipped(context)
         for each in answers:

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive answers → objects: new meshes with all data of the old meshes, in their place, beside the objects, or in
-existing results, which keep everything but their meshes."""
+"""Adaptive answers → objects: new meshes with all data of the old meshes, placed beside the objects, instead of their
+meshes, or in existing results, which keep everything but their meshes."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
 import bpy
@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import UV_SMOOTH, new_mesh
 from ..exchange.changes import paused
-from ..exchange.control_mesh import base_mesh
+from ..exchange.control_mesh import base_mesh, counted_copies, read
 from ..exchange.data_blocks import is_writable, meshes_with, own_copy, removed_on_failure
-from ..exchange.dependencies import object_state
-from ..exchange.evaluated import Evaluated, batches, evaluated
+from ..exchange.dependencies import ObjectState, object_state
+from ..exchange.evaluated import Evaluated, batches
 from ..exchange.mesh_arrays import geometry_checksum
-from ..exchange.modifiers import applied_modifiers, base_modifiers, left_out_sculpting, subdivision_modifier
+from ..exchange.modifiers import applied_modifiers, left_out_sculpting, subdivision_modifier
 from ..state import mesh_values, out_of_date, result_record
 from ..state.properties import Settings
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
+from .refusals import CHANGED, still_there
 from .scene_objects import hide, link_beside, show, show_in_local_view
-from .selected_meshes import CHANGED, still_there
 
 # Faces written in one go: few enough to keep the window responsive.
 FACES_AT_ONCE = 1 << 17
@@ -47,13 +47,14 @@ class NewMesh:
 
 @dataclass
 class Placement:
-    """A mesh to place. users: the objects that get it; sources: the source for each of them. old: the mesh of the first
-    user; is_edited, was_cleared: whether a user changed it, and whether it has no depths."""
+    """A mesh to place. users: the objects that get it; sources: the source for each of them. materials: of the source.
+    old: the mesh of the first user; is_edited, was_cleared: whether a user changed it, and whether it has no depths."""
 
     made: NewMesh
     mesh: bpy.types.Mesh
     users: list[bpy.types.Object]
     sources: list[bpy.types.Object]
+    materials: list[bpy.types.Material | None]
     old: bpy.types.Mesh
     is_edited: bool
     was_cleared: bool
@@ -63,7 +64,8 @@ class Placement:
         """Raises ComputeError if an object has changed."""
         users = still_there([target.user for target in made.answer.task.targets])
         old, is_edited = users[0].data, result_record.is_edited(users[0])
-        return cls(made, mesh, users, _sources(made.answer), old, is_edited, not mesh_values.has_depths(old))
+        was_cleared = not mesh_values.has_depths(old)
+        return cls(made, mesh, users, _sources(made.answer), [*mesh.materials], old, is_edited, was_cleared)
 
 
 def make_meshes(
@@ -75,62 +77,59 @@ def make_meshes(
     since it was read.
     """
     made: list[NewMesh] = []
-    with removed_on_failure() as uids:
+    with removed_on_failure([]) as uids:
         for batch in batches(answers, lambda answer: len(answer.adaptive.mesh.base_faces), FACES_AT_ONCE):
             yield f"Writing meshes: {len(made):,} of {len(answers):,}"
-            context.view_layer.update()
             holders = [_sources(answer)[0] for answer in batch]
-            bases = {each: base_modifiers(each, use_modifiers=settings.use_modifiers) for each in holders}
-            with evaluated(context, bases) as copies:
+            with counted_copies(context, holders, use_modifiers=settings.use_modifiers) as copies:
                 for answer, holder in zip(batch, holders, strict=True):
                     with naming(holder.name):
-                        made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
+                        made.append(_make_mesh(answer, holder, settings, exact_normals, copies))
                         uids.append(made[-1].mesh_uid)
     return made
 
 
-def place_meshes(
-    context: bpy.types.Context, made: list[NewMesh], settings: AdaptiveSettings, *, in_place: bool
-) -> list[tuple[bpy.types.Object, bpy.types.Object, str]]:
-    """Put meshes in place of their originals, or in new objects beside the hidden originals.
+# A way to place meshes, which adds what undoes it to the stack, and returns notes for the user.
+Way = Callable[[bpy.types.Context, list[Placement], bool, ExitStack], list[str]]
 
-    All or none; returns each object with a result, its source, and the source's checksum. Raises ComputeError, with
-    nothing changed and the meshes removed, if an object has changed.
+
+def place(
+    context: bpy.types.Context, made: list[NewMesh], settings: Settings, way: Way
+) -> tuple[list[bpy.types.Object], list[str]]:
+    """Place the meshes in one of the ways of this file, all or none, with their records.
+
+    Returns the objects with results, and notes for the user. Raises ComputeError, with nothing changed and the meshes
+    removed, if an object has changed.
     """
-    with _placing(context, made) as (places, undo):
-        if in_place:
-            _place_instead(places, settings, undo)
-        else:
-            layer_objects = context.view_layer.objects
-            undo.callback(setattr, layer_objects, "active", layer_objects.active)
-            for place in places:
-                place.users = [_place_beside(context, each, place.mesh, settings, undo) for each in place.users]
-    return [row for place in places for row in zip(place.users, place.sources, place.made.sources, strict=True)]
-
-
-@contextmanager
-def _placing(context: bpy.types.Context, made: list[NewMesh]) -> Iterator[tuple[list[Placement], ExitStack]]:
-    """The meshes to place within this context, and a stack that undoes a failed placing and removes the meshes.
-    Afterwards the dependencies are recorded. Raises ComputeError if an object has changed."""
-    meshes = meshes_with(each.mesh_uid for each in made)
-    try:
-        places = [Placement.of(*pair) for pair in zip(made, meshes, strict=True)]
+    with removed_on_failure([each.mesh_uid for each in made]) as uids:
+        places = [Placement.of(*pair) for pair in zip(made, meshes_with(uids), strict=True)]
         # Objects of ours that come into the scene are no change of the sources.
         with paused(context), ExitStack() as undo:
-            yield places, undo
+            notes = way(context, places, settings.values["use_modifiers"], undo)
             undo.pop_all()
-    except BaseException:
-        bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
-        raise
     # New objects have no matrix before.
     context.view_layer.update()
-    for place in places:
-        # The proof holds for the scales that were read.
-        states = [
-            replace(object_state(user, use_modifiers=False), scale=target.scale)
-            for user, target in zip(place.users, place.made.answer.task.targets, strict=True)
-        ]
-        out_of_date.remember_depths(place.mesh, place.made.geometry, place.made.depths, states)
+    out_of_date.remember_depths({each.mesh: (each.made.geometry, each.made.depths, _states(each)) for each in places})
+    for each in places:
+        if way is in_results and each.was_cleared:
+            mesh_values.clear(each.mesh)
+        for user, source, checksum in zip(each.users, each.sources, each.made.sources, strict=True):
+            if way is instead:
+                # It came from nothing any more.
+                result_record.forget(user)
+            else:
+                out_of_date.remember_made(user, source, settings, each.materials, checksum)
+    return [user for each in places for user in each.users], notes
+
+
+def _states(place: Placement) -> list[ObjectState]:
+    """The states of the users, with the scales that were read: for those the proof holds, and not for objects of other
+    scales that share the mesh."""
+    targets = place.made.answer.task.targets
+    return [
+        replace(object_state(user, use_modifiers=False), scale=target.scale)
+        for user, target in zip(place.users, targets, strict=True)
+    ]
 
 
 def _sources(answer: AdaptiveAnswer) -> list[bpy.types.Object]:
@@ -139,7 +138,6 @@ def _sources(answer: AdaptiveAnswer) -> list[bpy.types.Object]:
 
 
 def _make_mesh(
-    context: bpy.types.Context,
     answer: AdaptiveAnswer,
     source: bpy.types.Object,
     settings: AdaptiveSettings,
@@ -149,38 +147,56 @@ def _make_mesh(
     modifier = subdivision_modifier(source)
     uv_smooth = UV_SMOOTH if modifier is None else modifier.uv_smooth
     control = answer.task.surface.control
-    base, own_control = base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies)
-    if own_control.key != control.key:
+    if read(source, copies, use_modifiers=settings.use_modifiers).key != control.key:
         raise ComputeError(CHANGED)
     mesh = new_mesh(
-        base,
+        base_mesh(source, copies, use_modifiers=settings.use_modifiers),
         control.mesh,
         answer.adaptive.mesh,
         uv_smooth=uv_smooth,
         exact_normals=exact_normals,
         normals=answer.adaptive.normals,
     )
-    with removed_on_failure() as made:
-        made.append(mesh.session_uid)
+    with removed_on_failure([mesh.session_uid]):
         mesh.name = source.name + NAME_SUFFIX
         adaptive, has_angles = answer.adaptive, answer.task.has_angles(settings)
         mesh_values.write_adaptive(mesh, answer, settings, adaptive.depths, adaptive.bounds, has_angles=has_angles)
-    read = [result_record.source_checksum(each, use_modifiers=settings.use_modifiers) for each in _sources(answer)]
-    return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths, read)
+    checksums = [result_record.source_checksum(each, use_modifiers=settings.use_modifiers) for each in _sources(answer)]
+    return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths, checksums)
 
 
-def _place_instead(places: list[Placement], settings: AdaptiveSettings, undo: ExitStack) -> None:
+def instead(_context: bpy.types.Context, places: list[Placement], use_modifiers: bool, undo: ExitStack) -> list[str]:
     """Let each mesh take the place of its objects' mesh."""
-    names = [place.old.name for place in places]
-    for place in places:
-        _give_mesh(place.mesh, place.users, undo)
+    names = [each.old.name for each in places]
+    for each in places:
+        _give_mesh(each.mesh, each.users, undo)
     # The next steps cannot be undone; with the file's own objects they do not fail.
-    for place in places:
-        for user in place.users:
-            _remove_applied_modifiers(user, settings)
-    bpy.data.batch_remove([mesh for mesh in {place.old for place in places} if not mesh.users])
-    for place, name in zip(places, names, strict=True):
-        place.mesh.name = name
+    for user in [user for each in places for user in each.users]:
+        _remove_applied_modifiers(user, use_modifiers=use_modifiers)
+    bpy.data.batch_remove([mesh for mesh in {each.old for each in places} if not mesh.users])
+    for each, name in zip(places, names, strict=True):
+        each.mesh.name = name
+    return []
+
+
+def beside(context: bpy.types.Context, places: list[Placement], use_modifiers: bool, undo: ExitStack) -> list[str]:
+    """Put each mesh in new objects beside the hidden originals."""
+    layer_objects = context.view_layer.objects
+    undo.callback(setattr, layer_objects, "active", layer_objects.active)
+    for each in places:
+        each.users = [_place_beside(context, user, each.mesh, use_modifiers, undo) for user in each.users]
+    return []
+
+
+def in_results(
+    _context: bpy.types.Context, places: list[Placement], _use_modifiers: bool, undo: ExitStack
+) -> list[str]:
+    """Give each mesh to its results, and to the objects that share their mesh."""
+    for each, users in zip(places, _with_sharing(places), strict=True):
+        _keep_materials(each.mesh, users)
+        _give_mesh(each.mesh, users, undo)
+    # The next steps cannot be undone, and do not fail.
+    return _take_places(places)
 
 
 def _give_mesh(mesh: bpy.types.Mesh, users: Iterable[bpy.types.Object], undo: ExitStack) -> None:
@@ -197,7 +213,7 @@ def _place_beside(
     context: bpy.types.Context,
     original: bpy.types.Object,
     mesh: bpy.types.Mesh,
-    settings: AdaptiveSettings,
+    use_modifiers: bool,
     undo: ExitStack,
 ) -> bpy.types.Object:
     """A copy of the object with the mesh, selected instead of the object; the object is hidden, from the render as
@@ -210,7 +226,7 @@ def _place_beside(
     copy.name = original.name + NAME_SUFFIX
     # A result that was subdivided is the source of its copy.
     result_record.forget(copy)
-    _remove_applied_modifiers(copy, settings)
+    _remove_applied_modifiers(copy, use_modifiers=use_modifiers)
     copy.data = mesh
     link_beside(context, original, copy)
     show_in_local_view(context, copy)
@@ -222,25 +238,6 @@ def _place_beside(
     undo.callback(show, original, [copy])
     hide(original, copy)
     return copy
-
-
-def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: Settings) -> list[str]:
-    """Give each mesh to its results, and to the objects that share their mesh; returns notes for the user. Raises
-    ComputeError, with nothing changed, if an object has changed."""
-    with _placing(context, made) as (places, undo):
-        materials = [list(place.mesh.materials) for place in places]
-        for place, users in zip(places, _with_sharing(places), strict=True):
-            _keep_materials(place.mesh, users)
-            _give_mesh(place.mesh, users, undo)
-        # The next steps cannot be undone, and do not fail.
-        notes = _take_places(places)
-    # The tolerance is proved only for these objects, and not for objects of other scales that share their meshes.
-    for place, from_source in zip(places, materials, strict=True):
-        if place.was_cleared:
-            mesh_values.clear(place.mesh)
-        for user, source, read in zip(place.users, place.sources, place.made.sources, strict=True):
-            out_of_date.remember_made(user, source, settings, from_source, read)
-    return notes
 
 
 def _with_sharing(places: list[Placement]) -> list[list[bpy.types.Object]]:
@@ -285,9 +282,9 @@ def _take_places(places: Sequence[Placement]) -> list[str]:
     return notes
 
 
-def _remove_applied_modifiers(blender_object: bpy.types.Object, settings: AdaptiveSettings) -> None:
+def _remove_applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> None:
     """Remove the modifiers that the mesh replaces, and Multiresolution modifiers left out: without their sculpting they
     would only divide the faces."""
-    applied = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
-    for modifier in applied + left_out_sculpting(blender_object, use_modifiers=settings.use_modifiers):
+    applied = applied_modifiers(blender_object, use_modifiers=use_modifiers)
+    for modifier in applied + left_out_sculpting(blender_object, use_modifiers=use_modifiers):
         blender_object.modifiers.remove(modifier)

@@ -11,7 +11,7 @@ import numpy as np
 from ..core import FloatArray, Proof, Reduction
 from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import write_normals
-from ..exchange.data_blocks import meshes_with
+from ..exchange.data_blocks import meshes_with, removed_on_failure
 from ..exchange.decimation import Decimation
 from ..exchange.face_values import DEPTH, DEPTH_KIND, write_face_values
 from ..exchange.mesh_arrays import geometry_checksum
@@ -20,7 +20,7 @@ from ..state import mesh_values
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.reduce_task import depths_of_faces, finer_answer, reduction_of, triangle_count
 from ..tasks.surfaces import naming
-from .job import Steps, Work
+from .mesh_operators import Steps, Work
 from .place_results import NewMesh, make_meshes
 
 # The number of times that thinning is tried again, without the places of too distant lines.
@@ -38,7 +38,7 @@ class Reducer:
         """The meshes of all answers, or none; yields the stage. Without a gain a mesh is the adaptive mesh itself.
         Raises ComputeError if an object has changed since it was read."""
         made: list[NewMesh] = []
-        try:
+        with removed_on_failure([]) as uids:
             for answer in answers:
                 reduced = yield from self._reduced(answer)
                 if reduced is None:
@@ -46,9 +46,7 @@ class Reducer:
                     self.notes.append(f"{name}: nothing could be reduced; this is the mesh without Reduce")
                     (reduced,) = yield from self._unreduced(answer, exact_normals=self._exact_normals)
                 made.append(reduced)
-        except BaseException:
-            bpy.data.batch_remove(meshes_with(each.mesh_uid for each in made))
-            raise
+                uids.append(reduced.mesh_uid)
         return made
 
     def _unreduced(self, answer: AdaptiveAnswer, *, exact_normals: bool) -> Steps[list[NewMesh]]:
@@ -60,22 +58,18 @@ class Reducer:
         start = yield Work(partial(finer_answer, answer, self._settings), text)
         # Normals are stored at the end, as merging interpolates them across creases.
         (made,) = yield from self._unreduced(start, exact_normals=False)
-        try:
-            with naming(answer.task.object_names[0]):
-                [mesh] = meshes_with([made.mesh_uid])
-                write_face_values(mesh, {DEPTH_KIND: depths_of_faces(answer, start.adaptive)})
-                bounds = yield from self._reduce(answer, mesh)
-                most = min(triangle_count(answer) - 1, self._settings.max_faces)
-                if bounds is None or len(bounds) > most:
-                    bpy.data.batch_remove(meshes_with([made.mesh_uid]))
-                    return None
-                depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
-                mesh_values.write_adaptive(mesh, answer, self._settings, depths, bounds)
-                mesh.ccdepth.unreduced_triangles = triangle_count(answer)
-                return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths, made.sources)
-        except BaseException:
-            bpy.data.batch_remove(meshes_with([made.mesh_uid]))
-            raise
+        with removed_on_failure([made.mesh_uid]) as uids, naming(answer.task.object_names[0]):
+            [mesh] = meshes_with(uids)
+            write_face_values(mesh, {DEPTH_KIND: depths_of_faces(answer, start.adaptive)})
+            bounds = yield from self._reduce(answer, mesh)
+            most = min(triangle_count(answer) - 1, self._settings.max_faces)
+            if bounds is None or len(bounds) > most:
+                bpy.data.batch_remove(meshes_with(uids))
+                return None
+            depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
+            mesh_values.write_adaptive(mesh, answer, self._settings, depths, bounds)
+            mesh.ccdepth.unreduced_triangles = triangle_count(answer)
+            return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths, made.sources)
 
     def _reduce(self, answer: AdaptiveAnswer, mesh: bpy.types.Mesh) -> Steps[FloatArray | None]:
         """Reduce a mesh without shape keys; returns the proved distances of its triangles (T,), or None, with the mesh

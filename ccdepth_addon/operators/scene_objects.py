@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from .selected_meshes import refuse
+from .refusals import refuse
 
 
 def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.types.Object) -> None:

@@ -8,7 +8,9 @@ import bpy
 from ..exchange.modifiers import OF_OBJECT, shown_vertices, simplified_levels, subdivision_modifier
 from ..state import known, mesh_values, out_of_date, result_record
 from ..state.chosen import chosen
-from .selected_meshes import LINKED, QuickOperator, count_text, refuse
+from ..ui.lengths import count_text
+from .mesh_operators import QuickOperator
+from .refusals import LINKED, refuse
 
 # Modifiers that no other one can be moved above; Blender says that they require original data.
 ALWAYS_FIRST = {"MULTIRES", "SOFT_BODY"}

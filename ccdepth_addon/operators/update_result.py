@@ -8,16 +8,15 @@ import bpy
 
 from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import sculpted
-from ..state import out_of_date, result_record, watch
+from ..state import out_of_date, result_record
 from ..state.chosen import chosen
 from ..state.properties import Settings
 from ..tasks.surfaces import NOT_PLACED, ComputeError
 from ..ui.lengths import printable_lines
 from .adaptive_operator import MakingOperator
-from .job import Steps
-from .long_operator import NAVIGATION_EVENTS
-from .place_results import place_in_results
-from .selected_meshes import LINKED, refuse
+from .mesh_operators import NAVIGATION_EVENTS, Steps
+from .place_results import in_results
+from .refusals import LINKED, refuse
 
 NO_SIZE = f"{NOT_PLACED}, so its size in the scene is not known; show it first"
 
@@ -34,11 +33,7 @@ class UpdatingOperator(MakingOperator):
         refuse(chosen, lambda each: None if is_placed(layer, each) else NO_SIZE)
         refuse(results, lambda each: self._fault(each, results))
         sources = [result_record.control_object(each) for each in results]
-        settings = Settings.of(self, result_record.SETTINGS)
-        with self.in_object_mode(context, results, sources):
-            made, notes = yield from self.made(context, sources, results, "Updating: {:,.0f} faces so far".format)
-            self.report_made(made, place_in_results(context, made, settings) + notes, results)
-        return {"FINISHED"}
+        return (yield from self.make(context, results, sources, in_results))
 
     def _fault(self, result: bpy.types.Object, together: Collection[bpy.types.Object]) -> str | None:
         if not result.is_editable:
@@ -147,7 +142,7 @@ def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [each for each in out_of_date.due_results() if each.is_editable and each in present]
 
 
-def _start_keeping_updated() -> bool:
+def start_keeping_updated() -> None:
     """Make due results anew in the first window with any of them in its view layer; while other work goes on there they
     stay out of date."""
     manager = bpy.context.window_manager
@@ -162,7 +157,3 @@ def _start_keeping_updated() -> bool:
                 break
     if is_due:
         out_of_date.none_due()
-    return False
-
-
-KEEPING_UPDATED = watch.Client(examine=_start_keeping_updated)

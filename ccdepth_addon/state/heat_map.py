@@ -9,17 +9,21 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exchange import face_values
+from ..exchange.blender_arrays import face_sizes
 from ..exchange.face_values import (
     ANGLE_KIND,
     BOUND_KIND,
+    COLOR,
+    COLOR_KIND,
     DEPTH_KIND,
     DEVIATION_KIND,
     AttributeKind,
     read_face_values,
     rounded_up,
+    write_face_values,
 )
-from . import mesh_values, watch
+from ..registration import redraw
+from . import mesh_values
 from .colors import LAST_DEPTH, scale_colors, to_linear
 
 Values = NDArray[np.int32] | NDArray[np.float32]
@@ -49,7 +53,7 @@ def show(context: bpy.types.Context, kind: Shown) -> None:
     # A setting that is written, even unchanged, ends the caches of simulations in the scene.
     if shown(settings) not in (None, kind):
         settings.heat_map = kind.name
-    watch.redraw(context)
+    redraw(context)
 
 
 def last_kind(mesh: bpy.types.Mesh) -> Shown | None:
@@ -91,9 +95,10 @@ def on_scale(kind: Shown, values: Values) -> NDArray[np.float32]:
 
 
 def write_colors(mesh: bpy.types.Mesh, kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup) -> None:
-    """Write the colours of the values to the mesh as a colour attribute, linear and opaque, in Object Mode. Raises
+    """Write and display the colours of the values as a colour attribute, linear and opaque, in Object Mode. Raises
     WriteError, with nothing changed."""
     values = on_scale(kind, read_face_values(mesh, kind.values))
     linear = to_linear(scale_colors(values / np.float32(top(kind, tolerance, settings))))
     colors = np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
-    face_values.write_colors(mesh, colors)
+    write_face_values(mesh, {COLOR_KIND: np.repeat(colors, face_sizes(mesh), axis=0)})
+    mesh.attributes.active_color_name = COLOR

@@ -12,12 +12,13 @@ from collections.abc import Iterable, Mapping, Sequence
 import bpy
 import numpy as np
 
-from ..exchange.control_mesh import ControlMeshError, own_diagonal, read_control_mesh
+from ..exchange.control_mesh import own_diagonal, read_alone
 from ..exchange.evaluated import is_placed
 from ..exchange.modifiers import counted_modifiers, is_evaluated
+from ..registration import redraw
 from ..tasks.adaptive_meshes import FaceCount
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask
-from . import out_of_date, watch
+from . import out_of_date
 from .chosen import chosen
 from .properties import scene_tolerance
 from .result_record import control_object
@@ -69,14 +70,9 @@ def measured_diagonal(
     known place."""
     if not is_placed(context.view_layer, blender_object):
         return None
-    counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     try:
-        if is_evaluated(blender_object, counted):
-            found = read_control_mesh(context, blender_object, use_modifiers=use_modifiers).diagonal()
-        else:
-            context.view_layer.update()
-            found = own_diagonal(blender_object)
-    except (ControlMeshError, ValueError):
+        found = read_alone(context, blender_object, use_modifiers=use_modifiers).diagonal()
+    except ValueError:
         found = 0.0
     return found if _is_length(found) else None
 
@@ -99,7 +95,7 @@ def remember_count(
         for task, count in zip(tasks, counts, strict=True):
             _counts[frozenset(target.user.uid for target in task.targets)] = settings, count
     _counts[frozenset(target.user.uid for task in tasks for target in task.targets)] = settings, together
-    watch.redraw(context)
+    redraw(context)
 
 
 def known_count(objects: Iterable[bpy.types.Object], settings: AdaptiveSettings) -> FaceCount | None:
@@ -142,24 +138,21 @@ def is_selection_shown(mesh: bpy.types.Mesh) -> bool:
     return mesh.session_uid in _selected
 
 
-def _notice_update(changed: bpy.types.Object, _geometry: bool) -> bool:
+def forget_counts(changed: bpy.types.Object) -> None:
+    """Forget the counts of an object, and of its results."""
     uid = changed.session_uid
     uids = {uid, *out_of_date.noted(changed).results} if _counts else set()
     for counted in [counted for counted in _counts if counted & uids]:
         del _counts[counted]
-    return False
 
 
-def _forget_what_was_replaced() -> None:
+def forget_what_was_replaced() -> None:
+    """Forget what undo, redo and loading change."""
     _counts.clear()
     _selected.clear()
 
 
-def _forget_everything() -> None:
-    _forget_what_was_replaced()
+def forget_everything() -> None:
+    """Forget all, with another file."""
+    forget_what_was_replaced()
     _refused.clear()
-
-
-watch.clients.append(
-    watch.Client(forget=_forget_everything, updated=_notice_update, replaced=_forget_what_was_replaced)
-)

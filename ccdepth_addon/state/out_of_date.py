@@ -9,14 +9,19 @@ from __future__ import annotations
 
 import traceback
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
 from ..exchange.changes import begin_session, forget_checksums
-from . import mesh_values, result_record, still_holds, watch
+from ..exchange.dependencies import ObjectState
+from ..tasks.depth_task import DepthSettings, MeshDepths
+from ..tasks.deviation_task import MeasureSettings, MeshDeviation
+from . import mesh_values, result_record, still_holds
 
 Answer = TypeVar("Answer")
 
@@ -75,19 +80,43 @@ def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object])
     ]
 
 
-def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
-    """Write the inputs of new depths to the mesh (``still_holds.remember_depths``), after its last change by us."""
-    note = noted(mesh)
-    change = note.change
-    still_holds.remember_depths(mesh, *given)
+def write_depths(holders: Sequence[bpy.types.Object], answers: Sequence[MeshDepths], settings: DepthSettings) -> None:
+    """Write answers, with their records and inputs, to the meshes of these objects, all or none. Raises
+    ComputeError."""
+    mesh_values.write_depths(holders, answers, settings)
+    inputs = [(answer.task.geometry, answer.depths, answer.task.states) for answer in answers]
+    remember_depths(dict(zip([holder.data for holder in holders], inputs, strict=True)))
+
+
+def write_deviations(
+    measured: Mapping[bpy.types.Object, bpy.types.Object],
+    answers: Sequence[MeshDeviation],
+    settings: MeasureSettings,
+    states: Mapping[int, still_holds.MeasuredState],
+) -> None:
+    """Write answers, with their records and inputs, to the meshes of measured objects, all or none. measured: each with
+    the object of the limit surface; states: by their session identifiers, as they were read. Raises ComputeError."""
+    mesh_values.write_deviations([*measured], answers, settings)
+    for each, target in measured.items():
+        _remember_measurement(each, target, states[each.session_uid])
+
+
+def remember_depths(written: Mapping[bpy.types.Mesh, tuple[int, NDArray[np.int32], Sequence[ObjectState]]]) -> None:
+    """Write the inputs of new depths to their meshes (``still_holds.remember_depths``), after our last change of
+    these."""
+    changes = {mesh: noted(mesh).change for mesh in written}
+    for mesh, inputs in written.items():
+        still_holds.remember_depths(mesh, *inputs)
     bpy.context.view_layer.update()
-    note.change, note.is_stale, note.is_unchecked = change, False, False
+    for mesh, change in changes.items():
+        note = noted(mesh)
+        note.change, note.is_stale, note.is_unchecked = change, False, False
     for each in bpy.data.objects:
-        if each.data == mesh:
+        if each.data in written:
             noted(each).is_uncovered = False
 
 
-def remember_measurement(measured: bpy.types.Object, *given: Any) -> None:
+def _remember_measurement(measured: bpy.types.Object, *given: Any) -> None:
     """Write the inputs of a new measurement to the object and its mesh (``still_holds.remember_measurement``), after
     its last change by us."""
     note = noted(measured.data)
@@ -132,7 +161,7 @@ def none_due() -> None:
         note.is_due = False
 
 
-def _examine_touched() -> bool:
+def examine_touched() -> bool:
     """Examine the values and results of touched objects; returns whether there are any. Edited data are examined when
     they leave Edit Mode."""
     chosen = {uid for uid, note in _notes.items() if note.is_touched}
@@ -203,7 +232,8 @@ def _users_of_values(meshes: Iterable[bpy.types.Mesh]) -> dict[bpy.types.Mesh, l
     return users
 
 
-def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
+def notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
+    """Note an update of an object, of its geometry or its place alone; returns whether to examine anything."""
     if holder.type != "MESH":
         return False
     note, mesh = noted(holder), holder.data
@@ -238,7 +268,8 @@ def _find_new_results() -> None:
         _find_results()
 
 
-def _touch_everything() -> bool:
+def touch_everything() -> bool:
+    """Note all objects with values and results; returns whether to examine any."""
     _find_new_results()
     for each in bpy.data.objects:
         if each.type == "MESH":
@@ -249,28 +280,17 @@ def _touch_everything() -> bool:
     return any(note.is_touched for note in _notes.values())
 
 
-def _begin_anew() -> bool:
-    """Begin anew after undo, redo and loading, without results that are due."""
+def begin_anew() -> bool:
+    """``touch_everything`` after undo, redo and loading, without results that are due."""
     forget_checksums()
     for note in _notes.values():
         note.is_edited = note.has_left = note.is_due = False
     _find_results()
-    return _touch_everything()
+    return touch_everything()
 
 
-def _forget_everything() -> None:
+def forget_everything() -> None:
     global _object_count
     _notes.clear()
     _object_count = -1
     begin_session()
-
-
-watch.clients.append(
-    watch.Client(
-        forget=_forget_everything,
-        updated=_notice_update,
-        frame_changed=_touch_everything,
-        replaced=_begin_anew,
-        examine=_examine_touched,
-    )
-)

@@ -12,7 +12,7 @@ from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerPr
 
 from ..exchange.dependencies import compared, object_state
 from ..exchange.mesh_arrays import content_checksum, own_checksum
-from ..exchange.modifiers import applied_modifiers, base_modifiers
+from ..exchange.modifiers import applied_modifiers, counted_modifiers
 from . import properties
 from .properties import Settings
 
@@ -146,7 +146,7 @@ def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_mo
     """The reason why the result cannot keep its modifiers beside a new mesh: a modifier would count twice, or not at
     all; None without a reason."""
     before = {applied.name for applied in result.ccdepth.applied}
-    counted = base_modifiers(source, use_modifiers=use_modifiers)
+    counted = counted_modifiers(source, use_modifiers=use_modifiers)
     own = {modifier.name: modifier.type for modifier in result.modifiers}
     for modifier in counted:
         if modifier.name not in before and own.get(modifier.name) == modifier.type:

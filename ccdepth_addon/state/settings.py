@@ -5,13 +5,14 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
-from . import known, properties, result_record, watch
+from ..registration import redraw
+from . import known, properties, result_record
 
 MODES = tuple(mode for mode, *_ in properties.TOLERANCE_MODES)
 
 
 def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    watch.redraw(context)
+    redraw(context)
 
 
 def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:

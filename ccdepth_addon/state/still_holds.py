@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from ..core import FloatArray
 from ..exchange.dependencies import ObjectState, compared, object_state, shown_checksum
-from ..exchange.displayed_mesh import shown_modifiers
 from ..exchange.evaluated import is_placed
 from ..exchange.face_values import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
 from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_checksum
+from ..exchange.modifiers import shown_modifiers
 from . import mesh_values
 
 # The change since a measurement that depends on other data, of which nothing is known from before the file was opened.

@@ -27,11 +27,19 @@ from ..core import (
     validate,
 )
 from ..exchange.blender_arrays import read_values
-from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh, gram_matrix
+from ..exchange.control_mesh import (
+    ControlMesh,
+    ControlMeshError,
+    SharedMeshes,
+    base_mesh,
+    counted_copies,
+    gram_matrix,
+    read,
+)
 from ..exchange.custom_normals import smooth_faces
 from ..exchange.data_blocks import Identity
-from ..exchange.evaluated import Evaluated, evaluated, in_batches
-from ..exchange.modifiers import base_modifiers, subdivision_modifier
+from ..exchange.evaluated import Evaluated, in_batches
+from ..exchange.modifiers import counted_modifiers, subdivision_modifier
 from .surfaces import (
     Faults,
     Surface,
@@ -186,12 +194,10 @@ def prepare_adaptive(
     for batch in in_batches(list(users_of)):
         yield f"Reading objects: {read:,} of {len(users_of):,}"
         read += len(batch)
-        context.view_layer.update()
-        bases = {each: base_modifiers(each, use_modifiers=settings.use_modifiers) for each in batch}
-        with evaluated(context, bases) as copies:
+        with counted_copies(context, batch, use_modifiers=settings.use_modifiers) as copies:
             for blender_object in batch:
                 with faults.of(blender_object.session_uid):
-                    tasks += _read_tasks(context, blender_object, users_of[blender_object], settings, shared, copies)
+                    tasks += _read_tasks(blender_object, users_of[blender_object], settings, shared, copies)
     faults.refuse()
     return _united(tasks, settings)
 
@@ -214,7 +220,6 @@ def _united(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> list[Adapt
 
 
 def _read_tasks(
-    context: bpy.types.Context,
     blender_object: bpy.types.Object,
     users: Sequence[bpy.types.Object],
     settings: AdaptiveSettings,
@@ -222,8 +227,8 @@ def _read_tasks(
     copies: Evaluated,
 ) -> list[AdaptiveTask]:
     """The tasks of an object, one for each object that gets the result."""
-    use_modifiers = settings.use_modifiers
-    base, control = base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies)
+    control = read(blender_object, copies, use_modifiers=settings.use_modifiers, shared=shared)
+    base = base_mesh(blender_object, copies, use_modifiers=settings.use_modifiers)
     steps = _mixing_steps(base.shape_keys)
     largest = _largest_coordinates(control, base.shape_keys)
     is_smooth = smooth_faces(base)
@@ -251,7 +256,7 @@ def _task(
     dependencies = (
         getattr(subdivision_modifier(blender_object), "uv_smooth", None),
         # Modifiers may give each object's mesh other attributes.
-        blender_object.session_uid if base_modifiers(blender_object, use_modifiers=settings.use_modifiers) else 0,
+        blender_object.session_uid if counted_modifiers(blender_object, use_modifiers=settings.use_modifiers) else 0,
         # Results that do not share a mesh stay apart.
         None if user == blender_object else user.data.session_uid,
     )

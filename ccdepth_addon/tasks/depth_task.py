@@ -28,12 +28,12 @@ from ..core import (
     pose_depths,
     worst_pose,
 )
-from ..exchange.control_mesh import ControlMeshError, SharedMeshes, read_control_mesh
+from ..exchange.control_mesh import ControlMeshError, SharedMeshes, counted_copies, read_with_origins
 from ..exchange.data_blocks import Identity
 from ..exchange.dependencies import ObjectState, object_state
-from ..exchange.evaluated import evaluated, in_batches
+from ..exchange.evaluated import in_batches
 from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
-from ..exchange.modifiers import OF_OBJECT, counted_modifiers, shown_vertices
+from ..exchange.modifiers import OF_OBJECT, shown_vertices
 from .frames import frame_restored, typed_frames
 from .pose_groups import DepthRequest, PoseGroup, pose_groups
 from .surfaces import Faults, SurfaceSettings, refuse_bad_tolerance, surface_of
@@ -198,14 +198,10 @@ def _read_objects(
                 # Meanwhile the animation may play.
                 context.scene.frame_set(frame)
         read += len(batch)
-        context.view_layer.update()
-        counted = {each: counted_modifiers(each, use_modifiers=use_modifiers) for each in batch}
-        with evaluated(context, counted) as copies:
+        with counted_copies(context, batch, use_modifiers=use_modifiers) as copies:
             for each in batch:
                 with work.faults.of(each.session_uid, frame):
-                    control = read_control_mesh(
-                        context, each, use_modifiers=use_modifiers, shared=shared, copies=copies
-                    )
+                    control = read_with_origins(each, copies, use_modifiers=use_modifiers, shared=shared)
                     if frame is not None:
                         control = control.with_known_arrays(work.arrays)
                     task = _task_of(each, work)

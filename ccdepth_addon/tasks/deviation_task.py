@@ -26,7 +26,7 @@ from ..core import (
     part_of,
     validate,
 )
-from ..exchange.control_mesh import ControlMeshError, read_control_mesh
+from ..exchange.control_mesh import ControlMeshError, read_alone
 from ..exchange.data_blocks import Identity
 from ..exchange.displayed_mesh import ShownMesh, read_shown_mesh
 from ..exchange.evaluated import NO_ORIGIN, is_placed
@@ -173,7 +173,7 @@ def _read_target(
 ) -> MeasureTask:
     if not is_placed(context.view_layer, target):
         raise ControlMeshError(f"{NOT_PLACED}, so its place in the scene is not known; show it first")
-    control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
+    control = read_alone(context, target, use_modifiers=settings.use_modifiers)
     validate(control.in_world)
     surface = surface_of(target, control, settings)
     place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)

@@ -17,7 +17,7 @@ from ..state.heat_map import Shown
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..state.still_holds import is_own, measured_object, target_of
 from ..tasks.deviation_task import Verdict
-from .lengths import DEGREES, DIGITS, Rounding, Unit, bound_texts, common_unit, length_text
+from .lengths import DEGREES, DIGITS, Rounding, Unit, bound_texts, common_unit, count_text, length_text
 
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
@@ -114,7 +114,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
         )
         if allowed
     ]
-    narrow = f"{record.narrow_leaves:,} {'face' if record.narrow_leaves == 1 else 'faces'}"
+    narrow = count_text(record.narrow_leaves, "face", "faces")
     return [
         *(unreduced if record.unreduced_triangles else []),
         Fact("Control Faces", f"{record.base_faces:,}", CONTROL_FACES),

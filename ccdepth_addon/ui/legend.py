@@ -20,14 +20,13 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
-from ..registration import do_not_call
-from ..state import watch
+from ..registration import do_not_call, redraw
 from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, shown
 from ..state.still_holds import measured_to_show
 from .deviation_panel import stale_line
 from .facts import colored_objects
-from .legend_contents import TOLERANCE, Color, Legend, legend
+from .legend_contents import NUMBER_HEIGHT, TOLERANCE, Color, Legend, legend
 from .lengths import Rounding, length_text
 
 FONT = 0
@@ -35,7 +34,8 @@ TEXT, HEADING, ALERT = (1.0, 1.0, 1.0, 1.0), (0.75, 0.75, 0.75, 1.0), (1.0, 0.45
 BACKGROUND = (0.08, 0.08, 0.08, 0.85)
 
 # Lengths in pixels at an interface scale of 1. REACH: from the place of the largest distance to its label.
-FONT_SIZE, LINE, MARGIN, PADDING, SWATCH, GAP, BAR, TICK, REACH = 11, 18, 14, 8, 18, 12, 180, 5, 28
+FONT_SIZE, LINE, MARGIN, PADDING, SWATCH, GAP, TICK, REACH = 11, 18, 14, 8, 18, 12, 5, 28
+BAR = LINE / NUMBER_HEIGHT
 
 # The number of colours of the scale, with halves and quarters among them.
 SCALE_STEPS = 101
@@ -122,7 +122,7 @@ def laid_out(legend: Legend, scale: float) -> Layout:
     padding, line = layout.pixels(PADDING, LINE)
     lines = [(legend.title, TEXT), *((note, HEADING) for note in legend.notes), *alert]
     layout.width, layout.top = layout.wide(text for text, _ in lines) + 2 * padding, padding
-    (_add_rows if legend.marks is None else _add_scale)(layout, legend)
+    (_add_scale if legend.marks else _add_rows)(layout, legend)
     for text, color in reversed(lines):
         layout.write(text, padding, layout.top, color)
         layout.top += line
@@ -146,16 +146,14 @@ def _add_rows(layout: Layout, legend: Legend) -> None:
 
 def _add_scale(layout: Layout, legend: Legend) -> None:
     """Add the colours as a bar, with numbers on the right."""
-    assert legend.marks is not None
     padding, line, swatch, gap, bar, tick = layout.pixels(PADDING, LINE, SWATCH, GAP, BAR, TICK)
-    marks = legend.marks(line / bar)
     left, right, bottom = padding, padding + swatch, padding + line // 2
-    numbers_end = right + gap + layout.wide(mark.number for mark in marks)
-    layout.width = max(layout.width, numbers_end + gap // 2 + layout.wide(mark.note for mark in marks) + padding)
+    numbers_end = right + gap + layout.wide(mark.number for mark in legend.marks)
+    layout.width = max(layout.width, numbers_end + gap // 2 + layout.wide(mark.note for mark in legend.marks) + padding)
     steps = pairwise(np.linspace(bottom, bottom + bar, SCALE_STEPS + 1).tolist())
     for (low, high), color in zip(steps, scale_colors(np.linspace(0.0, 1.0, SCALE_STEPS)).tolist(), strict=True):
         layout.boxes.append(Box(left, low, right, high, (*color, 1.0)))
-    for mark in marks:
+    for mark in legend.marks:
         y = bottom + round(mark.height * bar)
         # The tolerance is marked across the whole bar.
         layout.boxes.append(Box(left if mark.note == TOLERANCE else right, y - 1, right + tick, y + 1, TEXT))
@@ -187,7 +185,7 @@ def _wanted(context: bpy.types.Context) -> Legend | None:
 
 
 def _redraw() -> None:
-    watch.redraw(bpy.context)
+    redraw(bpy.context)
 
 
 def _covered(context: bpy.types.Context) -> tuple[int, int]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 
@@ -19,6 +19,9 @@ Color = tuple[float, ...]
 
 # Longer names are cut.
 LONGEST_NAME = 20
+
+# The height of a number beside a scale, as a part of the scale's.
+NUMBER_HEIGHT = 0.1
 
 # The most steps of round numbers beside a scale.
 MOST_STEPS = 5
@@ -47,14 +50,13 @@ class Mark:
 @dataclass(frozen=True)
 class Legend:
     """notes: lines below the title. alert: a line in red. rows: the deepest depths first. marks: of a scale of
-    distances, for numbers of a height that is given as a part of the scale's. has_beyond: whether there are distances
-    beyond the last colour."""
+    distances. has_beyond: whether there are distances beyond the last colour."""
 
     title: str
     notes: list[str]
     alert: str = ""
     rows: list[Row] = field(default_factory=list)
-    marks: Callable[[float], list[Mark]] | None = None
+    marks: list[Mark] = field(default_factory=list)
     has_beyond: bool = False
 
 
@@ -110,19 +112,19 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
         f"{plain.title} ({name})" if name else plain.title,
         notes,
         plain.alert,
-        marks=lambda gap: distance_marks(*ends, gap, digits),
+        marks=distance_marks(*ends, digits),
         has_beyond=any(length > top(kind, tolerance, scene.ccdepth) for tolerance, length in found.items()),
     )
 
 
-def distance_marks(top: Decimal, tolerance: Decimal, gap: float, digits: int = DIGITS) -> list[Mark]:
-    """The marks of a scale up to ``top``, from the lowest on. gap: the height of a number, as a part of the scale's."""
+def distance_marks(top: Decimal, tolerance: Decimal, digits: int = DIGITS) -> list[Mark]:
+    """The marks of a scale up to ``top``, from the lowest on."""
     wanted = [(tolerance, TOLERANCE)] if tolerance <= top else []
     wanted += [(top, ""), *((number, "") for number in round_numbers(top))]
     marks: list[Mark] = []
     for number, note in wanted:
         height = float(number / top)
-        if all(abs(height - other.height) >= gap for other in marks):
+        if all(abs(height - other.height) >= NUMBER_HEIGHT for other in marks):
             marks.append(Mark(height, number_text(number, digits=digits), note))
     return sorted(marks, key=lambda mark: mark.height)
 

@@ -144,6 +144,10 @@ def _metres(scene: bpy.types.Scene, length: float) -> Decimal:
     return Decimal(str(length)) * Decimal(str(shortest_decimal(scene.unit_settings.scale_length)))
 
 
+def count_text(number: int, one: str, many: str) -> str:
+    return f"{number:,} {one if number == 1 else many}"
+
+
 # Controls, invisible marks that reorder text, halves of characters, and separators of lines and paragraphs.
 ESCAPED_CATEGORIES = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 

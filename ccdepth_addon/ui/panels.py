@@ -17,6 +17,7 @@ from ..state.mesh_values import too_deep
 from ..state.properties import Settings
 from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, faces_by_depth, facts_of, refused_objects, share_text, totals, with_depths
+from .lengths import count_text
 from .manual import draw_manual_button
 from .sidebar import SidebarPanel, draw_alert, settings_column
 from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
@@ -133,7 +134,7 @@ def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     faces = sum(known.faces_at_fault(mesh) for mesh in {each.data for each in refused_objects(context)})
     if faces:
         column = layout.column(align=True)
-        draw_alert(column, f"{faces:,} invalid {'face' if faces == 1 else 'faces'}")
+        draw_alert(column, count_text(faces, "invalid face", "invalid faces"))
         column.operator("ccdepth.select_invalid", icon="RESTRICT_SELECT_OFF")
         column.operator("ccdepth.repair", icon="TOOL_SETTINGS")
 
@@ -148,8 +149,8 @@ def _draw_too_deep(
     faces = sum(faces for depth, faces in faces_by_depth(objects).items() if depth > fitting) if deep else 0
     if faces:
         column = layout.column(align=True)
-        text = f"{faces:,} {'face needs' if faces == 1 else 'faces need'} more than {fitting}"
-        draw_alert(column, f"{text} {'level' if fitting == 1 else 'levels'}")
+        needing = count_text(faces, "face needs", "faces need")
+        draw_alert(column, f"{needing} more than {count_text(fitting, 'level', 'levels')}")
         select = column.operator("ccdepth.select", text="Select These Faces", icon="RESTRICT_SELECT_OFF")
         select.depth, select.comparison = fitting + 1, "AT_LEAST"
         column.operator("ccdepth.subdivide", icon="MOD_MULTIRES")

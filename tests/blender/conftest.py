@@ -3,6 +3,7 @@
 
 import os
 import sys
+from functools import partial
 from typing import Any
 
 import bpy
@@ -12,6 +13,19 @@ if not hasattr(bpy.types.Scene, "ccdepth"):
     import ccdepth_addon
 
     ccdepth_addon.register()
+
+
+# Samples for the largest angles, which take most of the time of a measurement of few faces; tests/core has their tests.
+FEW_SAMPLES = 1 << 8
+
+
+@pytest.fixture(autouse=True)
+def few_samples_of_angles(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Only now is the add-on registered.
+    from tests.blender.addon import module
+
+    task = module("tasks.deviation_task")
+    monkeypatch.setattr(task, "SampledSurface", partial(task.SampledSurface, most=FEW_SAMPLES))
 
 
 @pytest.fixture(autouse=True)

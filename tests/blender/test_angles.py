@@ -12,7 +12,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.runs import outputs, printed, said, save
+from tests.blender.runs import few_samples, outputs, printed, said, save
 from tests.blender.subdividing import faces, known_count, refused, refuses, subdivide
 
 # A distance at which the angles decide on these meshes.
@@ -130,17 +130,17 @@ def test_the_cost_of_angles_is_counted() -> None:
 
 
 def test_a_tolerance_that_is_found_comes_with_its_angles() -> None:
-    holder, settings = smooth(meshes.landscape(4, 4)), bpy.context.scene.ccdepth
+    holder, settings = smooth(meshes.landscape(3, 3)), bpy.context.scene.ccdepth
     settings.tolerance_mode, settings.tolerance, settings.shading_angle = "ABSOLUTE", ROUGH, ANGLE
-    addon.finish("find_tolerance", holder, face_budget=1000)
+    addon.finish("find_tolerance", holder, face_budget=600)
     ratio = settings.tolerance / ROUGH
     assert ratio < 1
     assert settings.shading_angle == pytest.approx(ANGLE * ratio**0.5, rel=ROUNDING)
     count = known_count(holder)
-    assert 0.9 * 1000 < count.faces == faces(*subdivide(holder, tolerance=settings.tolerance)) <= 1000
+    assert 0.9 * 600 < count.faces == faces(*subdivide(holder, tolerance=settings.tolerance)) <= 600
     # Angles end below a right angle.
     settings.tolerance, settings.shading_angle = 1e-5, ANGLE
-    addon.finish("find_tolerance", holder, face_budget=17)
+    addon.finish("find_tolerance", holder, face_budget=10)
     assert settings.shading_angle < radians(90)
 
 
@@ -213,9 +213,10 @@ def test_presets_have_angles() -> None:
 @pytest.mark.every_blender
 @pytest.mark.parametrize("suffix", [".obj", ".stl"])
 def test_the_command_line_takes_angles_in_degrees(
-    suffix: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    suffix: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    smooth(meshes.landscape(4, 4))
+    few_samples(monkeypatch)
+    smooth(meshes.landscape(2, 2))
     file, output, report = save(tmp_path / "hills.blend"), tmp_path / f"hills{suffix}", tmp_path / "report.json"
     arguments = (file, "--subdivide", "--tolerance", ROUGH, "--absolute", "--output", output, "--json", report)
     arguments += ("--shading-angle", 4, "--facet-angle", 20, "--html", tmp_path / "page.html")

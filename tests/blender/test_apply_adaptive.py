@@ -53,8 +53,10 @@ def test_the_result_of_a_rigid_body_is_one_as_well() -> None:
     holder = hills()
     addon.select(holder)
     bpy.ops.rigidbody.object_add()
+    holder.modifiers.new("Mirror", "MIRROR")
     [result] = subdivide(holder, tolerance=ROUGH)
     assert result.rigid_body is not None
+    assert result.data.ccdepth.base_faces == 2 * faces(holder)
     assert set(result.users_collection) == set(holder.users_collection)
 
 
@@ -167,7 +169,7 @@ def test_edit_mode_is_left_and_entered_again(output: str) -> None:
     ("operator", "module", "name"),
     [
         ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
-        ("subdivide", "operators.adaptive_operator", "place_meshes"),
+        ("subdivide", "operators.adaptive_operator", "place"),
         ("count_faces", "operators.count_faces", "count_text"),
     ],
 )
@@ -183,7 +185,7 @@ def test_edit_mode_stays_whatever_fails(operator: str, module: str, name: str, m
 def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
     """Blender keeps the last operators, with all they hold."""
     addon.select(hills())
-    work = addon.module("operators.job").Job
+    work = addon.module("operators.mesh_operators").Job
     assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, tolerance=TOLERANCE) == {"FINISHED"}
     gc.collect()
     assert not [kept for kept in gc.get_objects() if isinstance(kept, work)]
@@ -267,6 +269,7 @@ def test_custom_normals_that_are_left_out_are_told(capfd: pytest.CaptureFixture[
 placing = addon.module("operators.place_results")
 
 SETTINGS = addon.module("tasks.adaptive_task").AdaptiveSettings(TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", 5_000_000)
+RECORDED = addon.module("state.properties").Settings({"use_modifiers": True})
 
 
 def reading(objects: list[bpy.types.Object]) -> Generator[object, None, object]:
@@ -311,7 +314,7 @@ def test_objects_that_cannot_be_placed_beside_leave_all_as_they_were(failing: in
         collection = scene.add_collection("Left out", left, alone=True)
         bpy.context.view_layer.layer_collection.children["Left out"].exclude = True
         with pytest.raises(addon.module("tasks.surfaces").ComputeError, match="nothing was written"):
-            placing.place_meshes(bpy.context, made, SETTINGS, in_place=False)
+            placing.place(bpy.context, made, RECORDED, placing.beside)
         bpy.context.scene.collection.objects.link(left)
         bpy.data.collections.remove(collection)
         bpy.context.view_layer.update()
@@ -325,7 +328,7 @@ def test_objects_whose_mesh_cannot_be_replaced_leave_all_as_they_were() -> None:
     with snapshot.unchanged(lambda path: path[2:3] == ("attribute",) and path[3].startswith(".")):
         made = result_of(writing(objects))
         with addon.edit_mode(objects[2]), pytest.raises(error, match="nothing was written"):
-            placing.place_meshes(bpy.context, made, SETTINGS, in_place=True)
+            placing.place(bpy.context, made, RECORDED, placing.instead)
         addon.select(*objects[:2])
 
 

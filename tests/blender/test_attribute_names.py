@@ -69,7 +69,7 @@ def values_of(holder: bpy.types.Object, name: str) -> list:
 
 def read_arrays(holder: bpy.types.Object, *, use_modifiers: bool = False) -> PolygonMesh:
     module = addon.module("exchange.control_mesh")
-    return module.read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers).topology.arrays
+    return module.read_alone(bpy.context, holder, use_modifiers=use_modifiers).topology.arrays
 
 
 TURNS = list(product(range(len(DOMAINS)), (False, True)))

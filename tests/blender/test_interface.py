@@ -133,15 +133,15 @@ def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance_or_in_parts
     assert legend.title == "Proved Distance (m)"
     assert legend.notes[:2] == ["for 0.03 m", result.name]
     assert record.largest_bound <= float(legend.notes[2].split()[1]) <= 1.001 * record.largest_bound
-    assert [(mark.number, mark.note) for mark in legend.marks(0.1)][-1] == ("0.03", "tolerance")
+    assert [(mark.number, mark.note) for mark in legend.marks][-1] == ("0.03", "tolerance")
     assert not legend.has_beyond
     # With four digits the largest distance would seem to exceed the tolerance.
     record.world_tolerance, record.largest_bound = 0.0375337, 0.0375332
     assert shown_legend().notes == ["for 0.037534 m", result.name, "Largest 0.037534 m"]
-    assert shown_legend().marks(0.1)[-1].number == "0.037534"
+    assert shown_legend().marks[-1].number == "0.037534"
     settings.distance_range, settings.distance_top = "FIXED", 0.01
     legend = shown_legend()
-    marks = legend.marks(0.1)
+    marks = legend.marks
     assert marks[-1].number == "0.01"
     assert legend.has_beyond
     assert not any(mark.note for mark in marks)
@@ -151,7 +151,7 @@ def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance_or_in_parts
     addon.select(*subdivide(*sources, tolerance_mode="RELATIVE", tolerance=0.01))
     legend = shown_legend()
     assert legend.title == "Proved Distance (%)"
-    assert [mark.number for mark in legend.marks(0.1)] == ["0", "20", "40", "60", "80", "100"]
+    assert [mark.number for mark in legend.marks] == ["0", "20", "40", "60", "80", "100"]
 
 
 class Layout:
@@ -196,7 +196,7 @@ def test_a_draw_and_a_timer_take_no_time_among_many_objects_with_depths(monkeypa
 
 
 lengths = addon.module("ui.lengths")
-job = addon.module("operators.job")
+job = addon.module("operators.mesh_operators")
 
 
 def set_units(system: str, length_unit: str = "", scale: float = 1.0) -> None:
@@ -299,11 +299,10 @@ def test_round_numbers_are_few_and_reach_far(top: str) -> None:
 
 @pytest.mark.parametrize("top", ["0.5", "1", "1.02", "3", "40"])
 def test_marks_have_room_and_the_tolerance_has_one_where_it_is_on_the_scale(top: str) -> None:
-    gap = 0.1
-    marks = contents.distance_marks(Decimal(top), Decimal(1), gap)
+    marks = contents.distance_marks(Decimal(top), Decimal(1))
     heights = [mark.height for mark in marks]
     # Heights are rounded to double precision.
-    assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))
+    assert all(later - earlier > contents.NUMBER_HEIGHT - 1e-9 for earlier, later in pairwise(heights))
     assert min(heights) == (0.0 if top != "40" else pytest.approx(0.025))
     tolerance = [mark.height for mark in marks if mark.note == "tolerance"]
     assert tolerance == ([] if top == "0.5" else [pytest.approx(1 / float(top))])

@@ -212,7 +212,7 @@ def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize("operator", ["compute", "subdivide"])
 def test_results_that_are_not_kept_are_an_error(tmp_path: Path, operator: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Overrides are neither refused nor made local here, so that Blender drops what is written to them."""
-    monkeypatch.setattr(addon.module("operators.selected_meshes"), "mesh_fault", lambda mesh: None)
+    monkeypatch.setattr(addon.module("operators.refusals"), "mesh_fault", lambda mesh: None)
     monkeypatch.setattr(addon.module("exchange.adaptive_mesh"), "own_copy", lambda data: data.copy())
     holder = linked(tmp_path, KINDS[1], keys=True)
     names = {item.name_full for item in bpy.data.user_map()}

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.every_blender
 
 def test_no_operator_that_can_take_long_is_run_again_by_adjust_last_operation() -> None:
     """With it, Blender runs all of an operator at once, and Esc is not heard."""
-    long = addon.module("operators.long_operator").LongOperator
+    long = addon.module("operators.mesh_operators").LongOperator
     found = {name: getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CCDEPTH_OT_")}
     options = {name: kind.bl_options for name, kind in found.items() if issubclass(kind, long)}
     assert len(options) > 5
@@ -30,7 +30,7 @@ def test_no_operator_that_can_take_long_is_run_again_by_adjust_last_operation() 
 
 
 def test_other_shortcuts_than_save_do_not_save() -> None:
-    asks = addon.module("operators.long_operator").asks_to_save
+    asks = addon.module("operators.mesh_operators").asks_to_save
     keys = ("type", "value", "ctrl", "oskey", "shift", "alt")
     for event, wanted in (
         (("S", "PRESS", True, False, False, False), True),
@@ -145,7 +145,7 @@ def test_a_run_that_is_stopped_changes_nothing(case: str, monkeypatch: pytest.Mo
     """As by Esc: its work raises, and its steps clean up."""
     prepare, operator, settings = CASES[case]
     prepare()
-    job = addon.module("operators.job")
+    job = addon.module("operators.mesh_operators")
     monkeypatch.setattr(job._Thread, "run", lambda thread: setattr(thread, "fault", job.Cancelled()))
     mode = bpy.context.mode
     with snapshot.unchanged():
@@ -153,6 +153,28 @@ def test_a_run_that_is_stopped_changes_nothing(case: str, monkeypatch: pytest.Mo
     assert bpy.context.mode == mode
     if mode == "EDIT_MESH":
         bpy.ops.object.mode_set(mode="OBJECT")
+
+
+@pytest.mark.parametrize(
+    ("operator", "module", "work"),
+    [
+        ("compute", "compute_depth", "compute_depths"),
+        ("measure", "measure_deviation", "measure"),
+        ("subdivide", "adaptive_operator", "subdivide"),
+    ],
+)
+def test_an_object_that_has_another_mesh_meanwhile_gets_nothing(
+    operator: str, module: str, work: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holder, other = scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
+    run = getattr(addon.module(f"operators.{module}"), work)
+    replaced = lambda *given: setattr(holder, "data", other.data) or run(*given)  # noqa: E731
+    monkeypatch.setattr(addon.module(f"operators.{module}"), work, replaced)
+    addon.select(holder)
+    with pytest.raises(RuntimeError, match="changed in the meantime: nothing was written"):
+        getattr(bpy.ops.ccdepth, operator)()
+    assert addon.is_untouched([holder, other])
+    assert len(bpy.data.objects) == 2
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if "in Edit Mode" in case])

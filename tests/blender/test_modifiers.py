@@ -221,7 +221,7 @@ def test_faces_that_come_from_no_face_are_not_mistaken_for_copies() -> None:
     boolean.object = scene.add_object(meshes.cube(), "Cutter")
     boolean.object.location = (1.0, 0.0, 0.0)
     bpy.context.view_layer.update()
-    control = addon.module("exchange.control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=True)
+    control = addon.module("exchange.control_mesh").read_alone(bpy.context, holder, use_modifiers=True)
     assert np.count_nonzero(control.base_faces < 0) > 0
     assert len(computed(holder)) == len(holder.data.polygons)
 

@@ -179,7 +179,7 @@ class Scenes(RuleBasedStateMachine):
 
     def _make(self, rng: Random, name: str, settings: dict[str, Any]) -> bool:
         """Call an operator that makes meshes; whether it did, or refused."""
-        settings["exact_normals"], settings["reduce"] = chance(rng, 0.3), chance(rng, 0.3)
+        settings["exact_normals"], settings["reduce"] = chance(rng, 0.3), chance(rng, 0.2)
         present = {mesh.session_uid for mesh in bpy.data.meshes}
         if not self._call(name, None, **settings):
             return True
@@ -274,7 +274,7 @@ def _tolerance(rng: Random) -> dict[str, Any]:
     if chance(rng, 0.15):
         return {}
     settings: dict[str, Any] = {"tolerance_mode": one(rng, ("RELATIVE", "RELATIVE", "ABSOLUTE"))}
-    settings["tolerance"] = float(10.0 ** rng.uniform(-1.5, 0))
+    settings["tolerance"] = float(10.0 ** rng.uniform(-1, 0))
     if chance(rng, 0.06):
         settings["tolerance"] = one(rng, (0.0, -1.0, 1e-12, 1e30, 1e39, float("inf"), float("nan")))
     if chance(rng, 0.5):
@@ -303,6 +303,7 @@ def _depths(mesh: bpy.types.Mesh) -> list[int]:
 
 def _subdivision(rng: Random) -> dict[str, Any]:
     settings = _tolerance(rng)
+    settings["shading_angle"] = float(one(rng, (0.0, 0.0, 0.3)))
     settings["mode"] = one(rng, ("ADAPTIVE", "PER_FACE"))
     settings["max_faces"] = int(one(rng, (1, 20, 300, 1000, 1000)))
     return settings

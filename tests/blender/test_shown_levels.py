@@ -104,7 +104,7 @@ def test_sheared_objects(offset: tuple[float, float, float], stretch: float) -> 
     child.matrix_basis = Euler((0, 0, np.pi / 4)).to_matrix().to_4x4()
     child.parent, parent.matrix_basis = parent, Matrix.Diagonal((stretch, 1, 1, 1))
     bpy.context.view_layer.update()
-    control = addon.module("exchange.control_mesh").read_control_mesh(bpy.context, child, use_modifiers=False)
+    control = addon.module("exchange.control_mesh").read_alone(bpy.context, child, use_modifiers=False)
     law = addon.module("core.bounds.rounding").modifier_rounding
     for level in (1, 2):
         off = (shown.shown(level) - exact.mesh(level).positions) @ control.world.T

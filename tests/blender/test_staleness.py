@@ -49,9 +49,10 @@ class Made:
         }
         return {kind: line for kind, line in lines.items() if line}
 
-    def found_again(self) -> Self:
-        """The same, by name, after Blender has read them anew."""
-        return type(self)(*(bpy.data.objects[name] for name in ("Source", "Other", "Source Adaptive")))
+    @classmethod
+    def found(cls) -> Self:
+        """By name, in the present file."""
+        return cls(*(bpy.data.objects[name] for name in ("Source", "Other", "Source Adaptive")))
 
 
 def stale(kinds: str, line: str = "", *, own: str = "“Source” changed", other: str = "") -> dict[str, str]:
@@ -66,7 +67,7 @@ def stale(kinds: str, line: str = "", *, own: str = "“Source” changed", othe
 def made_of(source: bpy.types.Object, **settings: object) -> Made:
     """Everything about a source, made with the scene's settings."""
     source.name = "Source"
-    set_scene(**{"tolerance": 0.5, "relative_tolerance": 0.1, "accuracy": 0.5, "time_limit": 0.01, **settings})
+    set_scene(**{"tolerance": 0.05, "relative_tolerance": 0.01, "accuracy": 0.5, "time_limit": 0.01, **settings})
     for operator in ("subdivide", "compute", "measure"):
         addon.finish(operator, source)
     result = bpy.data.objects["Source Adaptive"]
@@ -88,6 +89,17 @@ def creased_source() -> bpy.types.Object:
     holder.data.uv_layers.new(name="Map")
     holder.data.materials.append(bpy.data.materials.new("Red"))
     return holder
+
+
+@pytest.fixture
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """Everything about a creased source, made once, and opened by each test."""
+    path = tmp_path_factory.getbasetemp() / "made.blend"
+    if not path.exists():
+        made_of(creased_source())
+        bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    return Made.found()
 
 
 def fill(holder: bpy.types.Object, name: str, values: float, kind: tuple[str, str] | None = None) -> None:
@@ -163,8 +175,8 @@ CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_changes_are_noticed_where_they_matter(change: str) -> None:
-    made = made_of(creased_source())
+def test_changes_are_noticed_where_they_matter(change: str, made: Made) -> None:
+    assert made.lines() == {}
     act, kinds = CHANGES[change]
     act(made)
     if change.startswith("the place"):
@@ -176,8 +188,7 @@ def test_changes_are_noticed_where_they_matter(change: str) -> None:
     assert made.lines() == lines
 
 
-def test_what_was_changed_is_changed_back_or_computed_anew() -> None:
-    made = made_of(creased_source())
+def test_what_was_changed_is_changed_back_or_computed_anew(made: Made) -> None:
     before = made.source.data.vertices[0].co.copy()
     move_vertex(made.source.data)
     assert made.lines() == stale(ALL)
@@ -202,9 +213,8 @@ def delete(holder: bpy.types.Object) -> None:
 
 
 @pytest.mark.parametrize("remove", [lambda holder: bpy.data.objects.remove(holder), delete])
-def test_a_source_may_be_gone(remove: Callable[[bpy.types.Object], object]) -> None:
+def test_a_source_may_be_gone(remove: Callable[[bpy.types.Object], object], made: Made) -> None:
     """What was measured against it is out of date then, and of its result only edits of its own are told."""
-    made = made_of(creased_source())
     remove(made.source)
     made.other.update_tag()
     made.source = made.other
@@ -216,9 +226,8 @@ def test_a_source_may_be_gone(remove: Callable[[bpy.types.Object], object]) -> N
     assert made.lines()["result"] == edited
 
 
-def test_renamed_objects_are_told_by_their_names(tmp_path: Path) -> None:
+def test_renamed_objects_are_told_by_their_names(made: Made, tmp_path: Path) -> None:
     """Of a measurement, also after the file was loaded again."""
-    made = made_of(creased_source())
     made.source.name, made.other.name = "Surface", "Measured"
     scene.open_again(tmp_path)
     other = bpy.data.objects["Measured"]
@@ -271,9 +280,9 @@ def test_settings_are_noticed_where_they_matter(mode: str, other: str) -> None:
         assert made.lines() == {}, name
 
 
-def test_depths_of_a_result_do_not_tell_whether_it_is_out_of_date() -> None:
+def test_depths_of_a_result_do_not_tell_whether_it_is_out_of_date(made: Made) -> None:
     """Neither those computed of the result itself, nor their removal."""
-    result = made_of(creased_source()).result
+    result = made.result
     line, settings = addon.module("ui.panels").result_line, bpy.context.scene.ccdepth
     addon.select(result)
     assert line(settings, result) == ""
@@ -449,7 +458,7 @@ def test_what_others_changed_before_a_file_is_opened_is_not_known(tmp_path: Path
     plain = scene.add_object(meshes.torus(4, 3), "Plain")
     addon.compute(plain)
     scene.open_again(tmp_path)
-    made = Made(*(bpy.data.objects[name] for name in ("Source", "Other", "Source Adaptive")))
+    made = Made.found()
     unknown = "Not checked since opening"
     assert made.lines() == dict.fromkeys(ALL.split(), unknown)
     assert stale_line(bpy.data.objects["Plain"]) == ""
@@ -495,9 +504,8 @@ def test_a_pause_takes_no_time_with_a_posed_mesh_of_many_vertices() -> None:
     assert min(times) < 0.005
 
 
-def test_edit_mode_is_followed() -> None:
+def test_edit_mode_is_followed(made: Made) -> None:
     """The sources of results are examined when they leave it."""
-    made = made_of(creased_source())
     with addon.edit_mode(made.source):
         bpy.ops.ccdepth.compute()
         bpy.ops.ccdepth.measure()
@@ -551,27 +559,36 @@ def test_a_duplicate_of_another_scale_that_goes_away() -> None:
     assert stale_line(first) == mesh_line(first)
 
 
-def test_files_are_examined_when_they_are_loaded(tmp_path: Path) -> None:
-    made = made_of(creased_source())
+def test_of_objects_with_one_mesh_the_last_measured_one_counts() -> None:
+    first = scene.add_object(meshes.cube(), "First")
+    second = scene.add("Second", first.data)
+    for each in (first, second):
+        addon.measure(each)
+    second.scale.x = 2.0
+    addon.examine_touched()
+    line = addon.module("ui.deviation_panel").stale_line(bpy.context.scene.ccdepth, first.data)
+    assert line == "Out of date: “Second” was scaled"
+
+
+def test_files_are_examined_when_they_are_loaded(made: Made, tmp_path: Path) -> None:
     for kinds in ("", ALL):
         scene.open_again(tmp_path)
-        made = made.found_again()
+        made = Made.found()
         made.source.name = "Renamed"
         made.source.name = "Source"
         assert made.lines() == stale(kinds)
         move_vertex(made.source.data)
 
 
-def test_undo_is_followed() -> None:
-    made = made_of(creased_source())
+def test_undo_is_followed(made: Made) -> None:
     bpy.ops.ed.undo_push(message="before")
     move_vertex(made.source.data)
     bpy.ops.ed.undo_push(message="moved")
     assert made.lines() == stale(ALL)
     bpy.ops.ed.undo()
-    assert made.found_again().lines() == {}
+    assert Made.found().lines() == {}
     bpy.ops.ed.redo()
-    assert made.found_again().lines() == stale(ALL)
+    assert Made.found().lines() == stale(ALL)
 
 
 def test_nothing_is_left_running() -> None:

@@ -1,71 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators on meshes: the objects that they work on, and the reasons why they refuse some."""
+"""The reasons why operators refuse objects."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import bpy
 
 from ..exchange.data_blocks import Identity, objects_with
 from ..exchange.face_values import conflict
 from ..exchange.mesh_arrays import mesh_face_count
-from ..state.chosen import chosen
 from ..tasks.surfaces import ComputeError
-from ..ui.lengths import printable_lines
 
 Holder = TypeVar("Holder", bpy.types.Object, bpy.types.Mesh)
 
 CHANGED = "The objects were changed in the meantime: nothing was written"
 
 LINKED = "the object is linked from another file; make it local first"
-
-
-class MeshOperator(bpy.types.Operator):
-    """An operator on mesh objects; unless it says otherwise it is one step of undo, and can be adjusted.
-
-    not_in_edit_mode: the reason why it does not work in Edit Mode, if any.
-    """
-
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    not_in_edit_mode: ClassVar[str] = ""
-
-    @classmethod
-    def missing(cls, context: bpy.types.Context) -> str | None:
-        """The missing thing that the operator needs, if any; asked for if meshes are selected."""
-        return None
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if cls.not_in_edit_mode and context.mode != "OBJECT":
-            fault: str | None = cls.not_in_edit_mode
-        elif context.mode not in {"OBJECT", "EDIT_MESH"}:
-            fault = "Works in Object Mode and in Edit Mode"
-        else:
-            fault = cls.missing(context) if chosen(context) else "Select a mesh object"
-        if fault:
-            cls.poll_message_set(fault)
-        return not fault
-
-
-class QuickOperator(MeshOperator):
-    """An operator that works on meshes without a pause, and reports refusals."""
-
-    def act(self, context: bpy.types.Context) -> set[str]:
-        """Do the work; returns the status of ``execute``. Raises ComputeError, with nothing changed."""
-        raise NotImplementedError
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            return self.act(context)
-        except ComputeError as fault:
-            self.report({"ERROR"}, printable_lines(str(fault)))
-            return {"CANCELLED"}
-
-
-def count_text(number: int, one: str, many: str) -> str:
-    return f"{number:,} {one if number == 1 else many}"
 
 
 def still_there(holders: Collection[Identity], face_count: int | None = None) -> list[bpy.types.Object]:

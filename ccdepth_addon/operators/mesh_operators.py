@@ -1,21 +1,33 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""The common base of operators with a tolerance: their settings, and runs that leave the window free."""
+"""The common bases of operators on meshes: quick ones, and long ones with a tolerance, which leave the window free.
+
+A long run is a generator of steps: it yields the next step as a text, or work without Blender, and receives the work's
+answer. A job runs all steps at once, or for a while at a time with the work in a thread.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import ClassVar
+import threading
+from collections.abc import Callable, Generator, Iterable
+from dataclasses import dataclass
+from math import inf
+from time import perf_counter
+from typing import Any, ClassVar, Generic, TypeVar
 
 import bpy
-import numpy as np
 
+from ..core import Progress
 from ..state import known, properties
+from ..state.chosen import chosen
 from ..tasks.surfaces import ComputeError
 from ..ui import sidebar
-from ..ui.lengths import printable_lines
-from .job import SECONDS_TO_WAIT, Cancelled, Job, Steps
-from .selected_meshes import MeshOperator, count_text
+from ..ui.lengths import count_text, printable_lines
+
+Answer = TypeVar("Answer")
+
+# Seconds between looks at a thread.
+SECONDS_TO_WAIT = 0.02
 
 # Seconds of work before Blender handles events: at the start, and at each tick of the timer. While a thread computes, a
 # tick lasts no longer than one look at it.
@@ -29,6 +41,163 @@ DELETED = "An object was deleted in the meantime: nothing was written"
 
 # While it runs, the view may be moved.
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}
+
+
+class Cancelled(Exception):
+    """The error that the progress function raises in abandoned work."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """Work without Blender. text: of its progress. total: the progress at its end, if known."""
+
+    function: Callable[[Progress], Any]
+    text: Callable[[float], str]
+    total: float | None = None
+
+
+Steps = Generator[str | Work, Any, Answer]
+
+
+class Job(Generic[Answer]):
+    """The steps, their progress, and the answer at their end."""
+
+    def __init__(self, steps: Steps[Answer], *, in_threads: bool = False) -> None:
+        self.answer: Answer | None = None
+        self.is_done = False
+        self._steps, self._in_threads = steps, in_threads
+        self._step: str | Work | None = None
+        self._thread: _Thread | None = None
+
+    @property
+    def text(self) -> str | None:
+        """The next step in words, or the progress of the work."""
+        return self._step.text(self._progress) if isinstance(self._step, Work) else self._step
+
+    @property
+    def is_working(self) -> bool:
+        """Whether work without Blender is going on; temporary data in the file are then outside all scenes."""
+        return isinstance(self._step, Work)
+
+    @property
+    def fraction(self) -> float | None:
+        """The fraction of the work done, if known."""
+        total = self._step.total if isinstance(self._step, Work) else None
+        return min(self._progress / total, 1.0) if total else None
+
+    @property
+    def _progress(self) -> float:
+        return 0.0 if self._thread is None else self._thread.progress
+
+    def run(self, seconds: float = inf) -> bool:
+        """Go on for a number of seconds; True when done. Raises errors of the steps and their work."""
+        until = perf_counter() + seconds
+        while not self.is_done and perf_counter() < until:
+            if not isinstance(self._step, Work):
+                self._go_on(self._steps.send, None)
+            elif self._thread is None:
+                self._thread = _Thread(self._step.function)
+                (self._thread.start if self._in_threads else self._thread.run)()
+            elif self._thread.is_alive():
+                self._thread.join(SECONDS_TO_WAIT)
+            else:
+                thread, self._thread = self._thread, None
+                # The steps may clean up after a fault.
+                if thread.fault is not None:
+                    self._go_on(self._steps.throw, thread.fault)
+                else:
+                    self._go_on(self._steps.send, thread.answer)
+        return self.is_done
+
+    def _go_on(self, resume: Callable[[Any], str | Work], given: Any) -> None:
+        try:
+            self._step = resume(given)
+        except StopIteration as finished:
+            self.answer, self.is_done = finished.value, True
+
+    def give_up(self) -> None:
+        """End the unfinished work, and free what it holds."""
+        if self._thread is not None:
+            self._thread.is_wanted = False
+        self._steps.close()
+
+
+class _Thread(threading.Thread):
+    """Work, its progress, and its end; begun in a thread, or done at once."""
+
+    def __init__(self, function: Callable[[Progress], Any]) -> None:
+        super().__init__(name="CC Depth")
+        self.progress = 0.0
+        self.answer: Any = None
+        self.fault: BaseException | None = None
+        self.is_wanted = True
+        self._function = function
+
+    def run(self) -> None:
+        _threads.add(self)
+        try:
+            self.answer = self._function(self._report)
+        except BaseException as fault:
+            self.fault = fault
+        finally:
+            _threads.discard(self)
+
+    def _report(self, progress: float) -> None:
+        if not self.is_wanted:
+            raise Cancelled
+        self.progress = progress
+
+
+_threads: set[_Thread] = set()
+
+
+def stop_all() -> None:
+    """Cancel all work, and wait for its end."""
+    for thread in list(_threads):
+        thread.is_wanted = False
+        thread.join()
+
+
+class MeshOperator(bpy.types.Operator):
+    """An operator on mesh objects; unless it says otherwise it is one step of undo, and can be adjusted.
+
+    not_in_edit_mode: the reason why it does not work in Edit Mode, if any.
+    """
+
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    not_in_edit_mode: ClassVar[str] = ""
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str | None:
+        """The missing thing that the operator needs, if any; asked for if meshes are selected."""
+        return None
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if cls.not_in_edit_mode and context.mode != "OBJECT":
+            fault: str | None = cls.not_in_edit_mode
+        elif context.mode not in {"OBJECT", "EDIT_MESH"}:
+            fault = "Works in Object Mode and in Edit Mode"
+        else:
+            fault = cls.missing(context) if chosen(context) else "Select a mesh object"
+        if fault:
+            cls.poll_message_set(fault)
+        return not fault
+
+
+class QuickOperator(MeshOperator):
+    """An operator that works on meshes without a pause, and reports refusals."""
+
+    def act(self, context: bpy.types.Context) -> set[str]:
+        """Do the work; returns the status of ``execute``. Raises ComputeError, with nothing changed."""
+        raise NotImplementedError
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            return self.act(context)
+        except ComputeError as fault:
+            self.report({"ERROR"}, printable_lines(str(fault)))
+            return {"CANCELLED"}
 
 
 class LongOperator(properties.ToleranceProperties, MeshOperator):
@@ -68,10 +237,10 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             self.report({"INFO"}, f"Skipped {objects} without a mesh")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        return self._begin(context, np.inf) or {"CANCELLED"}
+        return self._go_on(context, inf) or {"CANCELLED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        ended = self._begin(context, np.inf if bpy.app.background else PATIENCE_AT_START)
+        ended = self._go_on(context, inf if bpy.app.background else PATIENCE_AT_START)
         if ended:
             return ended
         self._timer = context.window_manager.event_timer_add(SECONDS_BETWEEN_TICKS, window=context.window)
@@ -107,14 +276,11 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             self._run.give_up()
         self._end()
 
-    def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
-        self._take_settings(context.scene.ccdepth)
-        return self._go_on(context, seconds)
-
     def _go_on(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
         """Work for a while; returns the operator's status at its end, and None before."""
         try:
             if self._run is None:
+                self._take_settings(context.scene.ccdepth)
                 in_threads = self.options.is_invoke and not bpy.app.background
                 self._run = Job(self.steps(context), in_threads=in_threads)
             if not self._needed <= _present(context):
