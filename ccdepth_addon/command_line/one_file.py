@@ -318,7 +318,7 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
         vertices=shown_vertices(blender_object, settings["vertices"]),
         deepest=max(record.deepest, record.added_deepest),
         level=record.uniform_level,
-        worst_frame=Frame(record.worst_frame) if record.frames else None,
+        deepest_frame=Frame(record.deepest_frame) if record.frames else None,
         proved=metres_rounded_up(float(bounds.max(initial=0.0)), scene_unit(bpy.context.scene)),
     )
 

@@ -215,7 +215,7 @@ def _facts(entry: ObjectEntry) -> dict[str, str]:
     numbers = {
         "Deepest depth": entry.deepest,
         "Level for all faces": entry.level,
-        "Worst frame": entry.worst_frame,
+        "At frame": entry.deepest_frame,
         "Faces at that level" if entry.result is None else "Faces made": entry.result_faces,
         "Triangles written": entry.triangles,
     }

@@ -107,7 +107,7 @@ def test_the_report_of_depths(tmp_path: Path) -> None:
         # Rounded up.
         assert each["proved"] > float(addon.bounds(holder).max())
         assert (each["tolerance"], each["faces"], each["met"]) == (pytest.approx(0.05), 6, None)
-        assert (each["settings"]["method"], each["worst_frame"]) == ("CERTIFIED", None)
+        assert (each["settings"]["method"], each["deepest_frame"]) == ("CERTIFIED", None)
 
 
 @pytest.fixture(scope="module")
