@@ -15,9 +15,7 @@ from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import LEAST, UNITS, angle, face_budget, face_limit, number_from, typed_tolerance, whole_number
 from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
-from .report import reports_in
-
-DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
+from .report import DEPTHS, LEVELS, MEASURE, SUBDIVIDE, reports_in
 
 # The actions that make meshes for other formats.
 MAKING = {LEVELS, SUBDIVIDE}

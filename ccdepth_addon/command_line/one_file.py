@@ -27,7 +27,7 @@ from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortes
 from ..ui.lengths import printable
 from . import picture
 from .amounts import UNITS
-from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
+from .arguments import MAKING, SCENE_RANGE, action_of, is_measured, output_of
 from .blender_calls import CommandError, call
 from .chosen_objects import chosen_objects, missing_inputs
 from .mesh_files import (
@@ -46,6 +46,10 @@ from .mesh_files import (
     writer,
 )
 from .report import (
+    DEPTHS,
+    LEVELS,
+    MEASURE,
+    SUBDIVIDE,
     Chosen,
     Distances,
     FileEntry,

@@ -30,6 +30,15 @@ from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
 from ..ui.lengths import DIGITS, METRIC, Rounding, enough_digits, number_text, printable, printable_lines
 
+DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
+
+ACTION_TEXTS = {
+    DEPTHS: "Depths computed",
+    LEVELS: "Subdivision levels set",
+    SUBDIVIDE: "Adaptive meshes made",
+    MEASURE: "Deviations measured",
+}
+
 FORMAT, FORMAT_VERSION = "ccdepth-report", 3
 PROGRAM = {"name": "CC Depth", "version": version()}
 
@@ -75,9 +84,9 @@ class ObjectEntry:
     name: the object of the limit surface; result: the object made of it, if another. settings: as given, by their
     names. tolerance: as a length. faces: of its mesh; vertices: of the depths, CONTROL or LIMIT; result_faces: of the
     made mesh; triangles: of the written and measured mesh. deepest: the deepest depth of a face; level: the first at
-    which all faces are within the tolerance; deepest_frame: a frame with the deepest depth. proved: the largest distance
-    proved when the mesh was made; proved_shading, proved_facets: the largest angles in radians, where shading counts and
-    elsewhere. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
+    which all faces are within the tolerance; deepest_frame: a frame with the deepest depth. proved: the largest
+    distance proved when the mesh was made; proved_shading, proved_facets: the largest angles in radians, where shading
+    counts and elsewhere. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
     without a measurement. facet_angle, shading_angle: of the measured mesh, the largest at samples, in degrees; None
     without a measurement, or without normals. closed, oriented: of the written and measured mesh, as of
     ``written_meshes.Edges``.

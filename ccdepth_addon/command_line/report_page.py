@@ -14,8 +14,8 @@ from ..state.colors import depth_colors
 from ..state.properties import VERTEX_TEXTS
 from ..ui.facts import share_text
 from ..ui.lengths import DIGITS, Rounding, printable
-from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .report import (
+    ACTION_TEXTS,
     YES_OR_NO,
     FileEntry,
     FileStamp,
@@ -27,13 +27,6 @@ from .report import (
     losses,
     metres_text,
 )
-
-ACTION_TEXTS = {
-    DEPTHS: "Depths computed",
-    LEVELS: "Subdivision levels set",
-    SUBDIVIDE: "Adaptive meshes made",
-    MEASURE: "Deviations measured",
-}
 
 # A verdict has a sign and words, not only a colour.
 GOOD, BAD, NEUTRAL = ("good", "✓"), ("bad", "✗"), ("neutral", "–")
