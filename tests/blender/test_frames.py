@@ -328,7 +328,7 @@ def test_depths_over_frames_are_reported(
     text = re.sub(r"<[^>]*>", "|", html.read_text(encoding="utf-8"))
     assert f"|At frame||{frame}|" in text
     for row in record.rows:
-        assert f"|{row.depth}|||{share_text(row.faces, record.faces)}|" in text
+        assert f"|{row.depth}||||||{share_text(row.faces, record.faces)}|" in text
     assert run("--verify", report) == 0
 
 
