@@ -6,7 +6,6 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Sequence
-from hashlib import sha256
 from pathlib import Path
 
 from ..core import METHODS, Effort, Mode
@@ -15,9 +14,7 @@ from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import LEAST, UNITS, angle, face_budget, face_limit, number_from, typed_tolerance, whole_number
 from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
-from .report import reports_in
-
-DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
+from .report import DEPTHS, LEVELS, MEASURE, SUBDIVIDE, reports_in
 
 # The actions that make meshes for other formats.
 MAKING = {LEVELS, SUBDIVIDE}
@@ -26,9 +23,6 @@ MAKING = {LEVELS, SUBDIVIDE}
 OVER_FRAMES = {DEPTHS, LEVELS}
 
 STANDARD_OUTPUT = "-"
-
-# The longest name in bytes; file systems allow one more.
-LONGEST_NAME = 254
 
 # The options that --gather allows.
 GATHERING = {"gather", "json", "csv", "html", "pictures", "overwrite"}
@@ -243,14 +237,8 @@ def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
     """The path for the results of a file."""
     if options.output_folder is None:
         return options.output
-    suffix = options.format or BLEND
-    stem = os.fsencode("Suzanne" if source is None else source.stem)
-    most = LONGEST_NAME - len(suffix)
-    if len(stem) > most:
-        # A checksum tells the name from other cut names.
-        mark = os.fsencode(f"~{sha256(stem).hexdigest()[:8]}")
-        stem = stem[: most - len(mark)].decode(errors="ignore").encode() + mark
-    return options.output_folder / f"{os.fsdecode(stem)}{suffix}"
+    name = "Suzanne" if source is None else source.stem
+    return options.output_folder / f"{name}{options.format or BLEND}"
 
 
 def is_measured(options: argparse.Namespace) -> bool:

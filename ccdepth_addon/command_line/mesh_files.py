@@ -178,11 +178,6 @@ def _import(path: Path) -> None:
     operator = reader(path)
     options = {"filepath": str(path.absolute()), **READING.get(path.suffix.lower(), {})}
     call(operator, **known_options(operator, options))
-    try:
-        for mesh in bpy.data.meshes:
-            mesh.attributes.keys()
-    except (UnicodeDecodeError, SystemError) as fault:
-        raise CommandError(f"{path}: the name of an attribute is no UTF-8") from fault
 
 
 def _weld(mesh: bpy.types.Mesh) -> None:

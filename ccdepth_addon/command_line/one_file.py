@@ -27,7 +27,7 @@ from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortes
 from ..ui.lengths import printable
 from . import picture
 from .amounts import UNITS
-from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
+from .arguments import MAKING, SCENE_RANGE, action_of, is_measured, output_of
 from .blender_calls import CommandError, call
 from .chosen_objects import chosen_objects, missing_inputs
 from .mesh_files import (
@@ -46,6 +46,10 @@ from .mesh_files import (
     writer,
 )
 from .report import (
+    DEPTHS,
+    LEVELS,
+    MEASURE,
+    SUBDIVIDE,
     Chosen,
     Distances,
     FileEntry,
@@ -318,7 +322,7 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
         vertices=shown_vertices(blender_object, settings["vertices"]),
         deepest=max(record.deepest, record.added_deepest),
         level=record.uniform_level,
-        worst_frame=Frame(record.worst_frame) if record.frames else None,
+        deepest_frame=Frame(record.deepest_frame) if record.frames else None,
         proved=metres_rounded_up(float(bounds.max(initial=0.0)), scene_unit(bpy.context.scene)),
     )
 

@@ -30,6 +30,15 @@ from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
 from ..ui.lengths import DIGITS, METRIC, Rounding, enough_digits, number_text, printable, printable_lines
 
+DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
+
+ACTION_TEXTS = {
+    DEPTHS: "Depths computed",
+    LEVELS: "Subdivision levels set",
+    SUBDIVIDE: "Adaptive meshes made",
+    MEASURE: "Deviations measured",
+}
+
 FORMAT, FORMAT_VERSION = "ccdepth-report", 3
 PROGRAM = {"name": "CC Depth", "version": version()}
 
@@ -75,9 +84,9 @@ class ObjectEntry:
     name: the object of the limit surface; result: the object made of it, if another. settings: as given, by their
     names. tolerance: as a length. faces: of its mesh; vertices: of the depths, CONTROL or LIMIT; result_faces: of the
     made mesh; triangles: of the written and measured mesh. deepest: the deepest depth of a face; level: the first at
-    which all faces are within the tolerance; worst_frame: of depths over frames. proved: the largest distance proved
-    when the mesh was made; proved_shading, proved_facets: the largest angles in radians, where shading counts and
-    elsewhere. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
+    which all faces are within the tolerance; deepest_frame: a frame with the deepest depth. proved: the largest
+    distance proved when the mesh was made; proved_shading, proved_facets: the largest angles in radians, where shading
+    counts and elsewhere. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
     without a measurement. facet_angle, shading_angle: of the measured mesh, the largest at samples, in degrees; None
     without a measurement, or without normals. closed, oriented: of the written and measured mesh, as of
     ``written_meshes.Edges``.
@@ -93,7 +102,7 @@ class ObjectEntry:
     triangles: int | None = None
     deepest: int | None = None
     level: int | None = None
-    worst_frame: Frame | None = None
+    deepest_frame: Frame | None = None
     proved: float | None = None
     proved_shading: float | None = None
     proved_facets: float | None = None
@@ -240,7 +249,7 @@ FORMULA_STARTS = ("=", "+", "-", "@")
 COLUMNS: dict[str, Callable[[ObjectEntry], Any]] = {
     "object": attrgetter("name"),
     "tolerance_m": attrgetter("tolerance"),
-    **{name: attrgetter(name) for name in ("faces", "deepest", "level", "worst_frame", "result", "result_faces")},
+    **{name: attrgetter(name) for name in ("faces", "deepest", "level", "deepest_frame", "result", "result_faces")},
     "proved_m": attrgetter("proved"),
     "proved_shading_degrees": lambda entry: degrees_rounded_up(entry.proved_shading),
     "proved_facets_degrees": lambda entry: degrees_rounded_up(entry.proved_facets),

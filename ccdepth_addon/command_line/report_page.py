@@ -14,8 +14,8 @@ from ..state.colors import depth_colors
 from ..state.properties import VERTEX_TEXTS
 from ..ui.facts import share_text
 from ..ui.lengths import DIGITS, Rounding, printable
-from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .report import (
+    ACTION_TEXTS,
     YES_OR_NO,
     FileEntry,
     FileStamp,
@@ -28,18 +28,8 @@ from .report import (
     metres_text,
 )
 
-ACTION_TEXTS = {
-    DEPTHS: "Depths computed",
-    LEVELS: "Subdivision levels set",
-    SUBDIVIDE: "Adaptive meshes made",
-    MEASURE: "Deviations measured",
-}
-
 # A verdict has a sign and words, not only a colour.
 GOOD, BAD, NEUTRAL = ("good", "✓"), ("bad", "✗"), ("neutral", "–")
-
-# The size of the histogram in pixels.
-BAR_LEFT, BAR_WIDTH, BAR_HEIGHT, ROW_HEIGHT, TEXT_WIDTH = 34, 300, 18, 26, 150
 
 # Nothing else may be loaded, for any contents of the names of objects and files.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -82,7 +72,8 @@ th, td { text-align: right; padding: .35rem .6rem; border-bottom: 1px solid var(
 th { color: var(--quiet); font-size: .85rem; font-weight: 500; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; white-space: normal; min-width: 9rem; }
 .files td:nth-child(2), .files th:nth-child(2) { text-align: left; }
-svg { display: block; max-width: 100%; height: auto; } svg text { fill: currentColor; font-size: 13px; }
+.depths td { border: 0; padding: .1rem .6rem .1rem 0; } .depths td:nth-child(2) { width: 60%; }
+.depths div { height: 1.1rem; min-width: 1px; border-radius: 2px; }
 code { font: .85em ui-monospace, monospace; overflow-wrap: anywhere; }
 @media print { .card { break-inside: avoid; } body { background: none; } }
 """
@@ -215,7 +206,7 @@ def _facts(entry: ObjectEntry) -> dict[str, str]:
     numbers = {
         "Deepest depth": entry.deepest,
         "Level for all faces": entry.level,
-        "Worst frame": entry.worst_frame,
+        "At frame": entry.deepest_frame,
         "Faces at that level" if entry.result is None else "Faces made": entry.result_faces,
         "Triangles written": entry.triangles,
     }
@@ -265,20 +256,12 @@ def _histogram(faces_by_depth: Sequence[tuple[int, int]]) -> str:
     if not faces_by_depth:
         return ""
     total = sum(faces for _, faces in faces_by_depth)
-    bars = []
-    for row, (depth, faces) in enumerate(faces_by_depth):
-        width = max(1.0, BAR_WIDTH * faces / total)
-        top, baseline = row * ROW_HEIGHT, row * ROW_HEIGHT + BAR_HEIGHT - 4
-        bars.append(
-            f'<text x="{BAR_LEFT - 10}" y="{baseline}" text-anchor="end">{depth}</text>'
-            f'<rect x="{BAR_LEFT}" y="{top}" width="{width:.1f}" height="{BAR_HEIGHT}" rx="2" fill="{_color(depth)}"/>'
-            f'<text x="{BAR_LEFT + width + 8:.1f}" y="{baseline}">{_text(share_text(faces, total))}</text>'
-        )
-    width, height = BAR_LEFT + BAR_WIDTH + TEXT_WIDTH, ROW_HEIGHT * len(faces_by_depth)
-    return (
-        f'<h4>Faces by Depth</h4><svg role="img" aria-label="Faces by depth" viewBox="0 0 {width} {height}" '
-        f'width="{width}" height="{height}">{"".join(bars)}</svg>'
+    rows = "".join(
+        f'<tr><td>{depth}</td><td><div style="width:{faces / total:.1%};background:{_color(depth)}"></div></td>'
+        f"<td>{_text(share_text(faces, total))}</td></tr>"
+        for depth, faces in faces_by_depth
     )
+    return f'<h4>Faces by Depth</h4><table class="depths">{rows}</table>'
 
 
 def _color(depth: int) -> str:

@@ -6,30 +6,32 @@ from __future__ import annotations
 import json
 import os
 from base64 import b64decode
-from dataclasses import is_dataclass
-from math import inf
 from pathlib import Path
-from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import bpy
 
-from ..core import VERTICES
-from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .report import (
+    ACTION_TEXTS,
     FORMAT,
     FORMAT_VERSION,
     PROGRAM,
     ROUNDING,
+    Chosen,
+    Distances,
     FileEntry,
-    Frame,
+    FileStamp,
     ObjectEntry,
     Report,
+    ReportPictures,
     reports_in,
     without_links,
 )
 
 FIELDS = {"format", "version", "program", "blender", "action", "met", "files"}
+
+
+Entry = TypeVar("Entry")
 
 
 class ReportError(ValueError):
@@ -67,77 +69,67 @@ def read_report(path: Path) -> Report:
     """The report in a JSON file. Raises ReportError."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        if content["format"] != FORMAT:
-            raise ReportError(f"{path}: it is not a CC Depth report")
-        number = content["version"]
-        if type(number) is not int or number != FORMAT_VERSION:
-            raise ReportError(f"{path}: it is a report of version {number}, and not of version {FORMAT_VERSION}")
-        if unknown := content.keys() - FIELDS:
-            raise ValueError(f"these fields are unknown: {', '.join(sorted(unknown))}")
+        if content["format"] != FORMAT or content["version"] != FORMAT_VERSION:
+            raise ValueError(f"it is no report of version {FORMAT_VERSION}")
+        _refuse_other_fields(content, FIELDS)
         folder = without_links(path.parent)
-        entries = tuple(_file_entry(each, folder) for each in content["files"])
-        is_own = (content.get("program"), content.get("blender")) == (PROGRAM, bpy.app.version_string)
-        report = Report(content["action"], entries, is_own)
+        files = tuple(_file_entry(each, folder) for each in content["files"])
+        is_own = (content["program"], content["blender"]) == (PROGRAM, bpy.app.version_string)
+        report = Report(content["action"], files, is_own)
+        if report.action not in ACTION_TEXTS:
+            raise ValueError(f"there is no action {report.action!r}")
         verdicts = [content["met"], *(each["met"] for each in content["files"])]
+        if not files or verdicts != [report.is_good, *(each.is_good for each in files)]:
+            raise ValueError("what it says of its files and of their objects does not agree")
     except OSError as fault:
         raise ReportError(f"{path}: it cannot be read: {fault.strerror}") from fault
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as fault:
-        if isinstance(fault, ReportError):
-            raise
         raise ReportError(f"{path}: it is not a CC Depth report: {fault}") from fault
-    if report.action not in (DEPTHS, LEVELS, SUBDIVIDE, MEASURE):
-        raise ReportError(f"{path}: it is not a CC Depth report: there is no action {report.action!r}")
-    if not report.files:
-        raise ReportError(f"{path}: it names no files")
-    if verdicts != [report.is_good, *(each.is_good for each in report.files)]:
-        raise ReportError(f"{path}: what it says of its files and of their objects does not agree")
     return report
 
 
+def _refuse_other_fields(content: dict[str, Any], names: set[str]) -> None:
+    """Raise ValueError unless these are the names of all fields."""
+    if content.keys() != names:
+        raise ValueError(f"these fields are missing or unknown: {', '.join(sorted(content.keys() ^ names))}")
+
+
+def _made(kind: type[Entry], content: dict[str, Any], **changed: Any) -> Entry:
+    """The entry of a kind with the fields of its content, some of them changed. Raises ValueError for others."""
+    _refuse_other_fields(content, {*get_type_hints(kind)})
+    return kind(**{**content, **changed})
+
+
 def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
-    values = {"pictures": [], **content, "source": content["input"]}
-    entry: FileEntry = _read(FileEntry, {name: values[name] for name in values.keys() - {"input", "met"}}, folder)
-    for each in entry.objects:
-        if (each.met is None) != (each.measured is None) or not _agree(each):
-            raise ValueError("met and measured do not agree")
-        if each.vertices not in (None, *VERTICES):
-            raise ValueError(f"vertices cannot be {each.vertices!r}")
+    """The entry of a file, with paths relative to a folder."""
+    content = {"source": content.pop("input"), "pictures": [], **content}
+    del content["met"]
+    stamps = [content["source"], content["output"], *content["companions"]]
+    source, output, *companions = (each and _made(FileStamp, each, path=folder / each["path"]) for each in stamps)
+    return _made(
+        FileEntry,
+        content,
+        source=source,
+        output=output,
+        companions=tuple(companions),
+        objects=tuple(map(_object_entry, content["objects"])),
+        chosen=content["chosen"] and _made(Chosen, content["chosen"]),
+        left_out=None if content["left_out"] is None else tuple(content["left_out"]),
+        pictures=tuple(map(_pictures, content["pictures"])),
+    )
+
+
+def _object_entry(content: dict[str, Any]) -> ObjectEntry:
+    measured = content["measured"] and _made(Distances, content["measured"])
+    entry = _made(ObjectEntry, content, measured=measured)
+    # The verdict follows from the distances, which are in order.
+    slack = 1 + ROUNDING if entry.met else 1 - ROUNDING
+    is_met = None if measured is None else measured.reached <= measured.proved <= entry.tolerance * slack
+    if entry.met is not is_met:
+        raise ValueError("met and measured do not agree")
     return entry
 
 
-def _agree(entry: ObjectEntry) -> bool:
-    """Whether the measured distances are in order, and the verdict follows from them."""
-    if entry.measured is None:
-        return True
-    slack = 1 + ROUNDING if entry.met else 1 - ROUNDING
-    is_met = entry.measured.proved <= entry.tolerance * slack
-    return entry.met == is_met and entry.measured.reached <= entry.measured.proved
-
-
-def _read(hint: Any, value: Any, folder: Path, name: str = "") -> Any:
-    """The value of a type from JSON; numbers, but for frames, have to be finite and not negative. Raises ValueError for
-    any other value. folder: to which paths are relative. name: of the field."""
-    if get_origin(hint) in (Union, UnionType):
-        return None if value is None else _read(get_args(hint)[0], value, folder, name)
-    if isinstance(hint, type) and is_dataclass(hint) and isinstance(value, dict):
-        hints = get_type_hints(hint)
-        if value.keys() != hints.keys():
-            raise ValueError(f"these fields are missing or unknown: {', '.join(sorted(value.keys() ^ hints.keys()))}")
-        return hint(**{each: _read(kind, value[each], folder, each) for each, kind in hints.items()})
-    if get_origin(hint) is tuple and isinstance(value, list):
-        kinds = get_args(hint)
-        kinds = kinds[:1] * len(value) if kinds[-1] is Ellipsis else kinds
-        return tuple(_read(kind, each, folder, name) for kind, each in zip(kinds, value, strict=True))
-    if hint is Path and isinstance(value, str):
-        return folder / value
-    if hint is bytes and isinstance(value, str):
-        return b64decode(value, validate=True)
-    if hint is Frame:
-        is_one = type(value) is int
-    elif hint in (int, float):
-        is_one = type(value) in (int, hint) and 0 <= value < inf
-    else:
-        is_one = isinstance(value, get_origin(hint) or hint)
-    if not is_one:
-        raise ValueError(f"{name} cannot be {value!r}")
-    return value
+def _pictures(content: dict[str, Any]) -> ReportPictures:
+    pictures = {name: b64decode(content[name], validate=True) for name in ("heat_map", "wireframe")}
+    return _made(ReportPictures, content, **pictures)

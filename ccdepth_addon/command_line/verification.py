@@ -15,7 +15,7 @@ from ..state.chosen import surface_object
 from ..state.properties import set_scene_tolerance
 from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement
 from ..ui.lengths import printable_lines
-from .arguments import MAKING, MEASURE, SUBDIVIDE
+from .arguments import MAKING
 from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
 from .mesh_files import BLEND, load, scene_unit, unit_of
@@ -29,12 +29,9 @@ from .one_file import (
     surfaces_of,
     with_answer,
 )
-from .report import ROUNDING, FileEntry, FileStamp, ObjectEntry, Report, stamp
+from .report import DEPTHS, LEVELS, MEASURE, ROUNDING, SUBDIVIDE, FileEntry, FileStamp, ObjectEntry, stamp
 from .report_reading import read_report
 from .written_meshes import measured_distances, read_written
-
-# Measure Deviation does not distinguish distances below this part of the tolerance from zero (docs/deviation.md).
-PART_OF_TOLERANCE = 1e-3
 
 # The numbers that are the same, and the numbers that may be larger than proved now; lengths differ by ROUNDING.
 EXACT = ("faces", "triangles", "closed", "oriented")
@@ -47,114 +44,120 @@ def verify(path: Path) -> bool:
     Raises ReportError if the report cannot be read.
     """
     report = read_report(path)
-    are_good = []
+    is_good = True
     for entry in report.files:
         try:
-            faults = list(_faults(report, entry))
-        except (CommandError, OSError, ValueError) as fault:
+            faults = list(_contradictions(report.action, entry)) or list(_differences(report.action, entry))
+        except (CommandError, OSError, TypeError, ValueError) as fault:
             faults = [str(fault)]
-        are_good.append(not faults)
+        is_good &= not faults
         for text in faults or ["all that the report says holds"]:
             print(printable_lines(f"{entry.name}: {text}"), flush=True)
-    return all(are_good)
+    return is_good
 
 
-def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
-    """The faults of a file. Raises CommandError, OSError and ValueError if the file cannot be checked."""
-    files = (entry.source, entry.output, *entry.companions)
-    faults = [*_contradictions(report, entry), *(fault for each in files for fault in _other_file(each))]
-    yield from faults
-    if faults:
-        return
-    for said, found in zip(entry.objects, _found_anew(report.action, entry), strict=True):
-        for difference in _differences(said, found):
-            yield f"{said.name}: {difference}"
-
-
-def _contradictions(report: Report, entry: FileEntry) -> Iterator[str]:
-    """The contradictions in a file's entry, and claims that cannot be checked, with any contents of the files."""
+def _contradictions(action: str, entry: FileEntry) -> Iterator[str]:
+    """The contradictions in a file's entry, the claims that cannot be checked, and its other files."""
     if entry.error is not None:
         yield f"it failed: {entry.error}"
     elif not entry.objects:
         yield "the report names no objects"
     elif entry.chosen is None:
         yield "the report does not say which objects were asked for"
-    elif report.action == SUBDIVIDE and entry.output is None:
+    elif action == SUBDIVIDE and entry.output is None:
         yield "the adaptive mesh was not written, so that it cannot be checked"
     for each in entry.objects:
-        if each.level is not None and each.level < (each.deepest or 0):
-            yield f"{each.name}: the report says deepest {each.deepest}, and level {each.level} for all faces"
-        for name, allowed in (("proved_shading", "shading_angle"), ("proved_facets", "facet_angle")):
-            said = getattr(each, name)
-            if said is not None and not said <= each.settings.get(allowed, 0.0) * (1 + ROUNDING):
-                yield f"{each.name}: the report says {name} {said}, beyond its {allowed}"
-        if report.action == MEASURE and not _is_accurate(each):
-            yield f"{each.name}: the distances measured are not as near to each other as its accuracy says"
+        if each.met is False:
+            yield f"{each.name}: it is not within the tolerance"
+        for proved, allowed in (("proved_shading", "shading_angle"), ("proved_facets", "facet_angle")):
+            angle = getattr(each, proved)
+            if angle is not None and not angle <= each.settings.get(allowed, 0.0) * (1 + ROUNDING):
+                yield f"{each.name}: the report says {proved} {angle}, beyond its {allowed}"
+    yield from _other_files([each for each in (entry.source, entry.output, *entry.companions) if each is not None])
 
 
-def _is_accurate(entry: ObjectEntry) -> bool:
-    """Whether the distances of an object measured unchanged are as near to each other as its settings demand, or too
-    small a part of the tolerance to matter."""
-    accuracy = entry.settings.get("accuracy")
-    if entry.measured is None or not isinstance(accuracy, (int, float)):
-        return False
-    most = max((1 + accuracy) * entry.measured.reached, PART_OF_TOLERANCE * entry.tolerance)
-    return entry.measured.proved <= most * (1 + ROUNDING)
+def _other_files(stamps: Sequence[FileStamp]) -> Iterator[str]:
+    """The files that are not those of the report."""
+    for stamped in stamps:
+        checksum = stamp(stamped.path, None).sha256
+        if checksum is None:
+            yield f"{stamped.path} cannot be read"
+        elif checksum != stamped.sha256:
+            yield f"{stamped.path} is not the file that the report names: its SHA-256 is {checksum}"
 
 
-def _other_file(stamped: FileStamp | None) -> Iterator[str]:
-    """The reason why a file is not the reported file, or None."""
-    if stamped is None:
-        return
-    checksum = stamp(stamped.path, None).sha256
-    if checksum is None:
-        yield f"{stamped.path} cannot be read"
-    elif checksum != stamped.sha256:
-        yield f"{stamped.path} is not the file that the report names: its SHA-256 is {checksum}"
+def _differences(action: str, entry: FileEntry) -> Iterator[str]:
+    """The claims about a file's objects that do not hold. Raises CommandError, OSError and ValueError if they cannot be
+    checked."""
+    for said, found in zip(entry.objects, _found_anew(action, entry), strict=True):
+        wrong = [name for name in EXACT if getattr(said, name) != getattr(found, name)]
+        wrong += [name for name in AT_LEAST if not _is_at_least(getattr(said, name), getattr(found, name))]
+        if said.proved is not None and (said.deepest, said.level) != (found.deepest, found.level):
+            # A version that proves lower depths proves other distances.
+            wrong = [name for name in wrong if name != "proved"]
+        if not isclose(said.tolerance, found.tolerance, rel_tol=ROUNDING):
+            wrong.append("tolerance")
+        if not _is_proved(said, found):
+            wrong.append("measured")
+        if said.met != found.met:
+            wrong.append("met")
+        for name in wrong:
+            yield f"{said.name}: the report says {name} {getattr(said, name)}, but it is {getattr(found, name)}"
+
+
+def _is_at_least(one: float | None, other: float | None) -> bool:
+    """Whether a number is at least another, but for rounding; or both are missing."""
+    if one is None or other is None:
+        return one is other
+    return one * (1 + ROUNDING) >= other
+
+
+def _is_proved(said: ObjectEntry, found: ObjectEntry) -> bool:
+    """Whether measured distances are proved; or both are missing."""
+    if said.measured is None or found.measured is None:
+        return said.measured is found.measured
+    is_reached = said.measured.reached <= found.measured.proved * (1 + ROUNDING)
+    return is_reached and found.measured.proved <= _told(said)
+
+
+def _told(said: ObjectEntry) -> float:
+    """The largest distance, in metres, of an entry's measurement, but for rounding."""
+    return inf if said.measured is None else said.measured.proved * (1 + ROUNDING)
 
 
 def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
-    """The entries of the objects, found anew: depths are computed again, and written meshes measured."""
-    objects = _reopened(action, entry)
-    output, scene = entry.output, scene_unit(bpy.context.scene)
+    """The entries of the objects, found anew: depths are computed again, and the meshes that were written, or for
+    ``measure`` shown, are measured."""
+    objects, output, scene = _reopened(action, entry), entry.output, scene_unit(bpy.context.scene)
     if output is not None:
-        _refuse_other_output(output, scene)
+        is_blend = output.path.suffix.lower() == BLEND
+        _refuse_other_unit(output, scene if is_blend else unit_of(output.path, output.metres_per_unit))
     if action == MEASURE:
-        found = [_unmeasured(said, each) for said, each in zip(entry.objects, objects, strict=True)]
         settings = measure_settings(None)
         targets = [prepare_measurement(bpy.context, [each], surface_object(each), settings) for each in objects]
         parts = [part for task in targets for part in task.measured]
-        return [_measured_anew(*each, scene) for each in zip(entry.objects, found, targets, parts, strict=True)]
-    targets = surfaces_of(objects) if output is not None and action in MAKING else []
-    if action == SUBDIVIDE:
-        # Adaptive meshes are not made again: the facts about their making stay as reported.
-        found = [
-            replace(_unmeasured(said, each), deepest=said.deepest or 0, proved=said.proved or 0.0)
-            for said, each in zip(entry.objects, objects, strict=True)
-        ]
     else:
+        targets = surfaces_of(objects) if output is not None and action in MAKING else []
+    if action in (DEPTHS, LEVELS):
         found = [each for each, _ in ACTIONS[action](objects, settings_of(action))]
-    if output is None or output.metres_per_unit is None or not targets:
+    else:
+        found = [_unmeasured(action, *pair) for pair in zip(entry.objects, objects, strict=True)]
+    if targets and action != MEASURE:
+        assert output is not None
+        assert output.metres_per_unit is not None
+        written = {each.result or each.name: each.triangles or 0 for each in entry.objects}
+        parts = read_written(output.path, output.metres_per_unit / scene, written)
+        found = [as_held(*pair) for pair in zip(found, parts, strict=True)]
+    if not targets:
         return found
-    written = {each.result or each.name: each.triangles or 0 for each in entry.objects}
-    parts = read_written(output.path, output.metres_per_unit / scene, written)
-    return [
-        as_held(_measured_anew(*each, scene), each[-1])
-        for each in zip(entry.objects, found, targets, parts, strict=True)
-    ]
+    return [_measured_anew(*each, scene) for each in zip(entry.objects, found, targets, parts, strict=True)]
 
 
-def _unmeasured(said: ObjectEntry, blender_object: bpy.types.Object) -> ObjectEntry:
-    """The entry of an object to be measured."""
-    return ObjectEntry(said.name, said.settings, said.tolerance, len(blender_object.data.polygons))
-
-
-def _refuse_other_output(output: FileStamp, scene: float) -> None:
-    """Raise CommandError if the reported unit of a written file is not the format's unit."""
-    if not output.metres_per_unit:
-        raise CommandError(f"the report does not say how long a unit of {output.path} is")
-    is_blend = output.path.suffix.lower() == BLEND
-    _refuse_other_unit(output, scene if is_blend else unit_of(output.path, output.metres_per_unit))
+def _unmeasured(action: str, said: ObjectEntry, blender_object: bpy.types.Object) -> ObjectEntry:
+    """The entry of an object to be measured. Adaptive meshes are not made again: the facts about their making stay as
+    reported."""
+    found = ObjectEntry(said.name, said.settings, said.tolerance, len(blender_object.data.polygons))
+    return replace(found, deepest=said.deepest, proved=said.proved) if action == SUBDIVIDE else found
 
 
 def _measured_anew(
@@ -165,11 +168,6 @@ def _measured_anew(
     surface = replace(target.surface, tolerance=min(tolerance, _told(said) / unit))
     answer = measured_distances(replace(target, surface=surface), part, measure_settings(None))
     return with_answer(found, replace(answer, tolerance=tolerance), unit)
-
-
-def _told(said: ObjectEntry) -> float:
-    """The largest distance, in metres, of an entry's measurement, but for rounding."""
-    return inf if said.measured is None else said.measured.proved * (1 + ROUNDING)
 
 
 def _reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
@@ -188,10 +186,9 @@ def _reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
     if entry.left_out != left_out:
         raise CommandError(f"the report says that {entry.left_out} are left out, but these are {left_out}")
     by_name = {each.name: each for each in objects}
-    others = by_name.keys() ^ set(names)
-    if others or len(by_name) != len(names):
-        raise CommandError(f"its objects are not those that were asked for, each once: {', '.join(sorted(others))}")
-    _take_settings(action, entry.objects)
+    if sorted(by_name) != sorted(names):
+        raise CommandError(f"its objects are not those that were asked for, each once: {', '.join(sorted(by_name))}")
+    _take_settings(action, entry)
     return [by_name[name] for name in names]
 
 
@@ -203,10 +200,10 @@ def _refuse_other_unit(stamped: FileStamp, unit: float) -> None:
         )
 
 
-def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
+def _take_settings(action: str, entry: FileEntry) -> None:
     """Put the reported settings into the scene. Raises CommandError for impossible settings."""
-    settings, holder = entries[0].settings, bpy.context.scene.ccdepth
-    if any(each.settings != settings for each in entries) or settings.keys() != {"tolerance", *SETTINGS[action]}:
+    settings, holder = entry.objects[0].settings, bpy.context.scene.ccdepth
+    if any(each.settings != settings for each in entry.objects) or settings.keys() != {"tolerance", *SETTINGS[action]}:
         raise CommandError("the settings in the report are not those of a run")
     try:
         for name in SETTINGS[action]:
@@ -214,45 +211,3 @@ def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
         set_scene_tolerance(holder, settings["tolerance"])
     except (TypeError, ValueError) as fault:
         raise CommandError(f"the settings in the report cannot be used: {fault}") from fault
-
-
-def _differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str]:
-    """The differences of an object from the report."""
-    wrong = [name for name in EXACT if getattr(said, name) != getattr(found, name)]
-    wrong += [name for name in AT_LEAST if not _is_at_least(getattr(said, name), getattr(found, name))]
-    if said.proved is not None and (said.deepest, said.level) != (found.deepest, found.level):
-        # A version that proves lower depths proves other distances.
-        wrong = [name for name in wrong if name != "proved"]
-    if not isclose(said.tolerance, found.tolerance, rel_tol=ROUNDING):
-        wrong.append("tolerance")
-    for name in wrong:
-        yield f"the report says {name} {getattr(said, name)}, but it is {getattr(found, name)}"
-    yield from _measured_differences(said, found)
-
-
-def _is_at_least(one: float | None, other: float | None) -> bool:
-    """Whether a number is at least another, but for rounding; or both are missing."""
-    if one is None or other is None:
-        return one is other
-    return one * (1 + ROUNDING) >= other
-
-
-def _measured_differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str]:
-    """The differences of measured distances from the report."""
-    one, other = said.measured, found.measured
-    if one is None and other is not None:
-        yield "the report does not say how far what was written is from the limit surface"
-    elif one is not None and other is not None:
-        # A mesh beyond the tolerance is measured only up to that verdict.
-        is_proved = other.proved <= _told(said) or not said.met
-        if not is_proved or other.reached > _told(said) or one.reached > other.proved * (1 + ROUNDING):
-            yield (
-                f"the report says a distance from {one.reached} m to {one.proved} m, but it is from {other.reached} m "
-                f"to {other.proved} m"
-            )
-    if found.met is False:
-        yield "it is not proved to be within the tolerance"
-    elif found.met is None and (said.met is not None or said.measured is not None):
-        yield "the report gives a measured distance, but no file in which to measure it again"
-    elif said.met is False:
-        yield "the report says that it is not within the tolerance, but it is"

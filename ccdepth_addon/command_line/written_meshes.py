@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -134,26 +134,12 @@ def _matched(found: list[Measured], written: Mapping[str, int]) -> list[Measured
         by_name = {_kept(pattern, each.object_name): each for each in found}
         if len(by_name) == len(found) and by_name.keys() == {_kept(pattern, name) for name in written}:
             return [by_name[_kept(pattern, name)] for name in written]
-    alike = " and ".join(f"“{name}”" for name in _alike(written))
-    like = f", like {alike}; rename one of them" if alike else ""
-    raise CommandError(f"its objects are not those that were written, or cannot be told by their names{like}")
+    raise CommandError("its objects are not those that were written, or their names are alike in this format")
 
 
 def _kept(pattern: re.Pattern[str], name: str) -> str:
     """The part of a name that a format keeps."""
     return pattern.sub("_", name).strip("_")
-
-
-def _alike(names: Iterable[str]) -> list[str]:
-    """Names of which a format keeps the same part; none where all differ in every format."""
-    for pattern in KEPT:
-        by_part: dict[str, list[str]] = {}
-        for name in names:
-            by_part.setdefault(_kept(pattern, name), []).append(name)
-        alike = next((each for each in by_part.values() if len(each) > 1), None)
-        if alike is not None:
-            return alike
-    return []
 
 
 def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSettings) -> MeshDeviation:

@@ -33,9 +33,8 @@ from .depth.face_depths import (
     uniform_level,
 )
 from .depth.modifier_quality import needed_quality
-from .depth.pose_depths import Pose, PoseDepths, pose_depths, raised_depths
+from .depth.pose_depths import Pose, PoseDepths, deepest_pose, pose_depths, raised_depths
 from .depth.tolerance import FaceDepths
-from .depth.worst_pose import WorstPose, worst_pose
 from .deviation import Deviation, SampledSurface, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .mesh.validation import InvalidMeshError, validate
@@ -75,7 +74,6 @@ __all__ = [
     "ToleranceError",
     "TooManyFacesError",
     "TriangleMesh",
-    "WorstPose",
     "apply_boundary_rule",
     "at_corners",
     "at_vertices",
@@ -85,6 +83,7 @@ __all__ = [
     "common_level",
     "count_faces",
     "crease_to_sharpness",
+    "deepest_pose",
     "face_depths",
     "face_varying_surface",
     "interpolated",
@@ -105,5 +104,4 @@ __all__ = [
     "subdivide_adaptively",
     "uniform_level",
     "validate",
-    "worst_pose",
 ]

@@ -51,7 +51,7 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
         faces = count_text(sum(len(answer.depths) for answer in answers), "face", "faces")
         meshes = f"{len(answers)} meshes, " if len(answers) > 1 else ""
         worst = max(answers, key=lambda answer: answer.deepest)
-        at_frame = "" if worst.worst_frame is None else f" at frame {worst.worst_frame}"
+        at_frame = "" if worst.deepest_frame is None else f" at frame {worst.deepest_frame}"
         left = sum(int(answer.might_need_less.sum()) for answer in answers)
         less = f"; {count_text(left, 'face', 'faces')} might need less: Effort Full" if left else ""
         self.report({"INFO"}, f"{meshes}{faces}, deepest depth {worst.deepest}{at_frame}{less}")

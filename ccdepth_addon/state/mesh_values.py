@@ -102,7 +102,7 @@ def _write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSetti
     record.exact_faces = int(np.count_nonzero(answer.exact))
     record.faces_left = int(np.count_nonzero(answer.might_need_less))
     record.added_deepest = answer.added_deepest
-    record.frames, record.worst_frame = settings.frames, answer.worst_frame or 0
+    record.frames, record.deepest_frame = settings.frames, answer.deepest_frame or 0
     record.uniform_level = answer.uniform_level
     record.quality = answer.quality
     record.uniform_faces = str(answer.uniform_faces)

@@ -97,7 +97,7 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
     )
     follows_objects: BoolProperty(description="Whether the objects' own modifiers said where the vertices are")
     frames: StringProperty(description="The computed frames; empty for the scene as it was")
-    worst_frame: IntProperty(description="Among the frames with the deepest depth, the frame with the largest distance")
+    deepest_frame: IntProperty(description="A frame with the deepest depth")
     exact_faces: IntProperty(description="Faces with a depth that is proved minimal")
     faces_left: IntProperty(description="Faces that might need less, with more effort")
     deepest: IntProperty()

@@ -83,11 +83,11 @@ def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[
 
 
 def _deepest(records: Sequence[bpy.types.PropertyGroup]) -> Fact:
-    """The deepest depth; over frames, with the worst frame."""
-    worst = max(records, key=lambda record: record.deepest)
-    at_frame = f" at frame {worst.worst_frame}" if worst.frames and len(records) == 1 else ""
+    """The deepest depth; over frames, with a frame that has it."""
+    record = max(records, key=lambda each: each.deepest)
+    at_frame = f" at frame {record.deepest_frame}" if record.frames and len(records) == 1 else ""
     meaning = "The largest number of levels that a face needs to be within the tolerance of the limit surface"
-    return Fact("Deepest Depth", f"{worst.deepest}{at_frame}", meaning)
+    return Fact("Deepest Depth", f"{record.deepest}{at_frame}", meaning)
 
 
 def ways(records: Sequence[bpy.types.PropertyGroup]) -> list[Fact]:

@@ -16,6 +16,9 @@ Capture = pytest.CaptureFixture[str]
 # A quick run for cubes.
 LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
 
+# For what does not depend on the tolerance.
+COARSE = ["--absolute", "--tolerance", "500mm", "--method", "certified"]
+
 CHECKOUT = Path(__file__).resolve().parents[2]
 
 

@@ -49,8 +49,7 @@ WRITES = ("--output blend", "--picture png", "--subdivide --output stl", "--subd
 
 
 @pytest.mark.every_blender
-@pytest.mark.parametrize("line", WRITES)
-@pytest.mark.parametrize("existing", [b"", b"something precious"])
+@pytest.mark.parametrize(("line", "existing"), [*((line, b"something precious") for line in WRITES), (WRITES[0], b"")])
 def test_a_file_that_does_not_fit(tmp_path: Path, line: str, existing: bytes, capsys: Capture) -> None:
     """What is printed meanwhile is kept in memory: pytest's own files would be as short."""
     *options, suffix = line.split()

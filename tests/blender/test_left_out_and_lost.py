@@ -12,9 +12,8 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, runs, scene
-from tests.blender.runs import LINE, Capture, mesh_objects, printed, run, said, save, save_cubes
+from tests.blender.runs import COARSE, LINE, Capture, mesh_objects, printed, run, said, save, save_cubes
 from tests.blender.test_report import report_in, reported, sha256
-from tests.thorough import combinations
 
 
 def linked_cubes(tmp_path: Path, *, override: bool = False) -> Path:
@@ -37,15 +36,12 @@ NAMES = ["Lent", "Lent Mesh", "Lent Mesh Too", "Own"]
 @pytest.mark.every_blender
 @pytest.mark.parametrize(
     ("action", "override"),
-    combinations(
-        [[], ["--levels"], ["--subdivide"], ["--subdivide", "--in-place"], ["--measure", "--accuracy", "0.5"]],
-        [False, True],
-    ),
+    [(["--levels"], True), (["--subdivide", "--in-place"], False), (["--measure", "--accuracy", "0.5"], True)],
 )
 def test_what_is_linked_is_done_on_copies(tmp_path: Path, action: list[str], override: bool) -> None:
     source, output, report = linked_cubes(tmp_path, override=override), tmp_path / "out.blend", tmp_path / "a.json"
     before = (tmp_path / "library.blend").read_bytes()
-    tolerance = ["--absolute", "--tolerance", "2m"] if "--measure" in action else LINE
+    tolerance = ["--absolute", "--tolerance", "2m"] if "--measure" in action else COARSE
     [entry] = reported(report, source, *tolerance, *action, "--output", output)["files"]
     assert sorted(each["name"] for each in entry["objects"]) == NAMES
     # Four cubes that are alike.
@@ -133,7 +129,7 @@ def test_what_a_format_loses_is_told(tmp_path: Path, suffix: str, capfd: Capture
     out = tmp_path / "deeper" / "out"
     out.mkdir(parents=True)
     output, report = out / f"made{suffix}", tmp_path / "report.json"
-    told = said(capfd, source, *LINE, "--subdivide", "--output", output, "--json", report, status=0)
+    told = said(capfd, source, *COARSE, "--subdivide", "--output", output, "--json", report, status=0)
     [entry] = report_in(report)["files"]
     assert entry["lost"] == lost
     assert (f"lost in {output}: {', '.join(lost)}" in told) == bool(lost)
@@ -170,42 +166,9 @@ def test_packed_images_and_further_uv_maps(tmp_path: Path, suffix: str, lost: bo
     bpy.data.images["Paint"].pack()
     bpy.data.objects["One"].data.uv_layers.new(name="Second")
     save(source)
-    [entry] = reported(report, source, *LINE, "--subdivide", "--output", tmp_path / f"made{suffix}")["files"]
+    [entry] = reported(report, source, *COARSE, "--subdivide", "--output", tmp_path / f"made{suffix}")["files"]
     assert ("images that are in no file" in entry["lost"]) == lost
     assert ("UV maps but one" in entry["lost"]) == (suffix == ".obj")
-
-
-@pytest.mark.parametrize("letter", ["x", "ü"])
-def test_names_as_long_as_a_file_system_takes(tmp_path: Path, letter: str) -> None:
-    """Those of outputs are cut where they would be too long, and told apart."""
-    count = 251 // len(letter.encode())
-    stems = [(count - 1) * letter + end for end in "ab"]
-    for stem in stems:
-        (tmp_path / f"{stem}.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    out, report = tmp_path / "out", tmp_path / "report.json"
-    sources = [tmp_path / f"{stem}.obj" for stem in stems]
-    line = ["--tolerance", "1%", "--method", "certified", "--output-folder", out, "--json", report]
-    assert run(*sources, *line) == 0
-    names = {each.name for each in out.iterdir()}
-    assert len(names) == 2
-    assert all(240 < len(name.encode()) < 255 and name.endswith(".blend") for name in names)
-    assert run("--verify", report) == 0
-    assert run(*sources, *line, "--overwrite") == 0
-    assert len(list(out.iterdir())) == 2
-
-
-NO_UTF_8 = (
-    b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-    b"property float w\xff\xfe\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-    b"0 0 0 1\n1 0 0 2\n0 1 0 3\n3 0 1 2\n"
-)
-
-
-def test_a_broken_file_is_named_in_a_line(tmp_path: Path, capfd: Capture) -> None:
-    (tmp_path / "named.ply").write_bytes(NO_UTF_8)
-    told = said(capfd, tmp_path / "named.ply", "--tolerance", "1%")
-    assert "named.ply: the name of an attribute is no UTF-8" in told
-    assert "Traceback" not in told
 
 
 QUICK = ("--relative", "--tolerance", "0.02", "--method", "second-order")
@@ -252,8 +215,10 @@ def rig(path: Path, where: str = "shape key") -> Path:
 
 
 @pytest.mark.every_blender
-@pytest.mark.parametrize("preference", [False, True])
-@pytest.mark.parametrize("where", ["shape key", "modifier", "parent", "another driver", "node group"])
+@pytest.mark.parametrize(
+    ("where", "preference"),
+    [*((where, False) for where in ("modifier", "parent", "another driver", "node group")), ("shape key", True)],
+)
 def test_without_scripts_what_needs_them_fails_and_others_are_done(
     tmp_path: Path, where: str, preference: bool
 ) -> None:

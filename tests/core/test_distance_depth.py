@@ -19,9 +19,8 @@ from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
 from ccdepth_addon.core.depth.distance_depth import Effort
 from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
 from ccdepth_addon.core.depth.lone_polygons import lone_polygon_bounds
-from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths, raised_depths
+from ccdepth_addon.core.depth.pose_depths import Pose, deepest_pose, pose_depths, raised_depths
 from ccdepth_addon.core.depth.tolerance import ToleranceTest
-from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
@@ -469,8 +468,8 @@ def test_a_depth_over_poses_holds_in_all_of_them(tolerance: float) -> None:
         there, back, step = sampled(pose.make(), level, Vertices.LIMIT)
         assert back.max() <= pose.tolerance
         assert there.max() <= pose.tolerance + OFF * step
-    worst = worst_pose(poses, "DISTANCE", "LIMIT", found)
-    assert worst.depth == found.depths.max() == depths[worst.pose].max()
+    first = deepest_pose(poses, "DISTANCE", "LIMIT", found, lambda: None)
+    assert [each.max() == found.depths.max() for each in depths].index(True) == first
 
 
 @pytest.mark.parametrize("vertices", Vertices)

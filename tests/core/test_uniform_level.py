@@ -11,9 +11,8 @@ from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.face_depths import ToleranceError, check_pose, face_depths, uniform_level
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
-from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths, raised_depths
+from ccdepth_addon.core.depth.pose_depths import Pose, deepest_pose, pose_depths, raised_depths
 from ccdepth_addon.core.depth.tolerance import FaceDepths
-from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from tests import meshes
@@ -193,19 +192,12 @@ def test_what_lasts_in_one_pose_alone_does_not_last() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 @both_vertices
-def test_the_worst_pose_alone_has_the_deepest_depth(name: str, vertices: str) -> None:
+def test_the_deepest_pose_is_the_first_that_alone_has_the_deepest_depth(name: str, vertices: str) -> None:
     poses = posed(build(meshes.AWKWARD[name](), smooth_corners=False), 7, 0.5, jumps=True)
     found = pose_depths(poses, "CERTIFIED", vertices)
-    worst = worst_pose(poses, "CERTIFIED", vertices, found)
-    assert worst.depth == found.depths.max()
-    shares = []
-    for pose, alone in zip(poses, singles(poses, "CERTIFIED", vertices), strict=True):
-        deepest = (alone.depths == worst.depth) & (found.depths == worst.depth)
-        shares.append(np.max(alone.bounds[deepest] / pose.tolerance, initial=-np.inf))
-    assert [shares[worst.pose], worst.share] == pytest.approx([max(shares)] * 2, rel=SCALING)
-    # Of poses alike it is the first.
-    alike = poses[:1] * 3
-    assert worst_pose(alike, "CERTIFIED", vertices, pose_depths(alike, "CERTIFIED", vertices)).pose == 0
+    deepest = found.depths.max()
+    alone = [np.any(each.depths[found.depths == deepest] == deepest) for each in singles(poses, "CERTIFIED", vertices)]
+    assert deepest_pose(poses, "CERTIFIED", vertices, found, lambda: None) == alone.index(True)
 
 
 def test_bounds_are_lengths_in_the_pose_where_they_are_longest() -> None:

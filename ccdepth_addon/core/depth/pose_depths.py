@@ -105,6 +105,29 @@ def raised_depths(
     return deeper
 
 
+def deepest_pose(
+    poses: Sequence[Pose],
+    method: str,
+    vertices: str,
+    found: PoseDepths,
+    tick: Callable[[], None],
+    *,
+    effort: str = "NORMAL",
+) -> int:
+    """The first pose in which a face of the deepest depth has no proof at the level before; the first of all if there
+    is none. Arguments: as in ``pose_depths``; found: its result; tick: may raise to stop."""
+    deepest = found.depths.max(initial=0)
+    faces = np.flatnonzero(found.depths == deepest)
+    levels = found.depths - 1
+    for place, pose in enumerate(poses if deepest else ()):
+        mesh = pose.make()
+        test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
+        blocks = bounds_at_depths(mesh, faces, test, Method(method), Vertices(vertices), levels, Effort(effort), tick)
+        if any(np.isinf(block.bounds).any() for block in blocks):
+            return place
+    return 0
+
+
 def _prove(
     poses: Sequence[Pose],
     method: str,
