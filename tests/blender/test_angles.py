@@ -189,8 +189,7 @@ def test_the_heat_map_shows_angles() -> None:
     assert heat_map.top(kind, heat_map.tolerance_of(made.data, kind), settings) == pytest.approx(ANGLE)
     found = legend(bpy.context.scene, kind, [made])
     assert (found.title, found.notes[0], found.has_beyond) == ("Proved Angle (°)", "for 4°", False)
-    assert found.marks is not None
-    assert [mark.number for mark in found.marks(0.1)] == ["0", "1", "2", "3", "4"]
+    assert [mark.number for mark in found.marks] == ["0", "1", "2", "3", "4"]
     addon.finish("compute", made, tolerance=ROUGH)
     assert not heat_map.has_shown(made.data, kind)
 
