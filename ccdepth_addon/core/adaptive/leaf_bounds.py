@@ -41,9 +41,6 @@ TILE_LEVELS = (3, 6, 14)
 # The number of pieces bounded together, and the largest number in memory at once.
 PIECES_AT_ONCE, MOST_PIECES = 1 << 13, 1 << 15
 
-# A leaf with more open pieces than the time before is given up: splitting it costs a few faces, looking on more time.
-MOST_GROWTH = 1.0
-
 # The number of leaves whose tiles are made together, and of leaves compared at equal parameters together.
 LEAVES_AT_ONCE, FEW_LEAVES_AT_ONCE = 1 << 14, 1 << 11
 
@@ -151,7 +148,7 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
     usable = np.flatnonzero((ends > firsts) & (unusable[ends] == unusable[firsts]))
 
     def include(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form) -> None:
-        include_pieces(shell, found, bases, pieces, form, limit, beyond, growth=MOST_GROWTH)
+        include_pieces(shell, found, bases, pieces, form, limit, beyond)
 
     found = np.full(len(wanted), np.inf)
     found[usable] = _by_pieces(plan, wanted[usable], shell.triangles.corners, firsts[usable], include)

@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..arrays.chunks import index_chunks
 from ..arrays.ranges import ranges as ranges_of
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import component_major, dot_products, lengths, selected_vectors
-from .framed_pieces import ROUNDING, wall_plane
+from .framed_pieces import ROUNDING
 from .piece_hulls import Pieces, all_points
 from .shells import Shell
 
@@ -19,8 +21,8 @@ NEAR_ENOUGH = 0.1
 # Above this number of triangles at a vertex, heights are only bounded together.
 MANY_AROUND = 64
 
-# The number of pairs of pieces and triangles in a chunk.
-PAIRS_AT_ONCE = 1 << 10
+# The number of pieces in a chunk that are compared with the triangles around.
+PIECES_AT_ONCE = 1 << 10
 
 
 def bounds_near_corner(shell: Shell, pieces: Pieces, corner: int, *, at_side: bool = False) -> FloatArray:
@@ -68,8 +70,8 @@ def _may_meet_flaps(
         flaps = shell.star_triangles[ends[chosen] - place]
         is_flap = flaps >= len(shell.triangles.vertices)
         chosen, flaps, place = chosen[is_flap], flaps[is_flap], place + 1
-        inwards, thick = wall_plane(shell, flaps, 0, ranges[chosen])
-        reached = dot_products(selected_vectors(seen, chosen), inwards).max(axis=0, initial=-np.inf)
+        thick = shell.slopes[0, flaps] * ranges[chosen] * (1 + ROUNDING)
+        reached = dot_products(selected_vectors(seen, chosen), shell.planes[0, flaps]).max(axis=0, initial=-np.inf)
         meets[chosen] |= reached >= -(thick + ROUNDING * distances[chosen])
         chosen = chosen[(ends[chosen] - place >= shell.star_starts[vertices[chosen]]) & ~meets[chosen]]
     found: BoolArray = meets
@@ -80,37 +82,74 @@ def bounds_around(shell: Shell, pieces: Pieces) -> FloatArray:
     """(P,): bounds for pieces over triangles that share a corner with their own, over all triangles within the piece's
     reach; infinite for other pieces."""
     own, vertices = pieces.triangles, shell.triangles.vertices[pieces.triangles]
-    points = all_points(pieces)
-    counts = np.diff(shell.star_starts)
-    is_left_out = np.any(shell.is_border[vertices] | (counts[vertices] > MANY_AROUND), axis=1)
+    is_left_out = np.any(shell.is_border[vertices] | (np.diff(shell.star_starts)[vertices] > MANY_AROUND), axis=1)
     found = np.where((shell.ranges[own] > 0) & ~is_left_out, 0.0, np.inf)
     possible = np.flatnonzero(np.isfinite(found))
-    at = vertices[possible].ravel()
-    counts = counts[at]
-    all_around, owners = ranges_of(shell.star_starts[at], counts), np.repeat(np.repeat(possible, 3), counts)
-    for some in index_chunks(np.arange(len(owners)), PAIRS_AT_ONCE):
-        there, pair = shell.star_triangles[all_around[some]], owners[some]
-        ranges, seen = shell.ranges[own[pair]], selected_vectors(points, pair)
-        meets, stays = _meetings(shell, seen, there, vertices[pair], ranges)
-        seen = seen - component_major(shell.triangles.corners[there, 0])
-        bound = np.abs(dot_products(seen, shell.triangles.normals[there])).max(axis=0) / shell.cosines[there]
-        bound = np.where(stays & (bound <= ranges), bound, np.inf)
-        np.maximum.at(found, pair[meets], bound[meets])
+    if not len(possible):
+        return found
+    triangles, which = np.unique(own[possible], return_inverse=True)
+    prisms, points = _Prisms.of(shell, triangles), all_points(pieces)
+    for some in index_chunks(np.arange(len(possible)), PIECES_AT_ONCE):
+        chosen, centre = possible[some], which.reshape(-1)[some]
+        seen = selected_vectors(points, chosen) - component_major(shell.triangles.corners[own[chosen], 0])
+        bounds, ranges = np.zeros(len(some)), shell.ranges[own[chosen]]
+        for place in range(int(np.diff(prisms.starts)[centre].max())):
+            left = np.flatnonzero((bounds <= ranges) & (place < np.diff(prisms.starts)[centre]))
+            bounds[left] = np.maximum(
+                bounds[left], prisms.bounds(prisms.starts[centre[left]] + place, selected_vectors(seen, left))
+            )
+        found[chosen] = np.where(bounds <= ranges, bounds, np.inf)
     return found
 
 
-def _meetings(
-    shell: Shell, points: FloatArray, triangles: IndexArray, vertices: IndexArray, ranges: FloatArray
-) -> tuple[BoolArray, BoolArray]:
-    """(n,) bool twice: whether hulls of points (R, n, 3) may meet the prisms of triangles (n,); and whether the hulls
-    are on the inner side of all walls there without one of the given vertices (n, 3)."""
-    meets, stays = np.ones((2, len(triangles)), dtype=bool)
-    numbers = shell.triangles.vertices[triangles]
-    is_around = (numbers[:, :, None] == vertices[:, None]).any(axis=2)
-    for side in range(3):
-        inwards, margin = wall_plane(shell, triangles, side, ranges)
-        seen = dot_products(points - component_major(shell.triangles.corners[triangles, side]), inwards)
-        meets &= np.any(seen >= -margin, axis=0)
-        is_outer = ~is_around[:, side] & ~is_around[:, (side + 1) % 3]
-        stays &= ~is_outer | np.all(seen > margin, axis=0)
-    return meets, stays
+@dataclass(frozen=True)
+class _Prisms:
+    """The prisms of triangles that share a corner with others, seen from corner 0 of these. starts: (T + 1,), the first
+    prism of each of T triangles. planes: (4, N, 3), the unit normals of the planes through the sides, inwards, and of
+    the triangle; offsets: (4, N), the components of these planes along their normals. margins: (3, N), the walls'
+    distances from their planes; are_outer: (3, N) bool, whether no corner of the triangle in the middle is on a side.
+    cosines: (N,), as of ``Shell``."""
+
+    starts: IndexArray
+    planes: FloatArray
+    offsets: FloatArray
+    margins: FloatArray
+    are_outer: BoolArray
+    cosines: FloatArray
+
+    @staticmethod
+    def of(shell: Shell, triangles: IndexArray) -> _Prisms:
+        """The prisms around triangles (T,) of a shell, as thick as the ranges of the triangles in the middle."""
+        every = shell.triangles
+        at = every.vertices[triangles].ravel()
+        counts = np.diff(shell.star_starts)[at]
+        around = shell.star_triangles[ranges_of(shell.star_starts[at], counts)]
+        owners = np.repeat(np.repeat(np.arange(len(triangles)), 3), counts)
+        owners, around = np.divmod(np.unique(owners * len(every.corners) + around), len(every.corners))
+        middle = triangles[owners]
+        planes = selected_vectors(shell.planes, around)
+        corners = every.corners[around][:, [0, 1, 2, 0]].swapaxes(0, 1) - every.corners[middle, 0]
+        is_inner = (every.vertices[around][:, :, None] == every.vertices[middle][:, None]).any(axis=2).T
+        return _Prisms(
+            np.searchsorted(owners, np.arange(len(triangles) + 1)),
+            planes,
+            dot_products(corners, planes),
+            shell.slopes[:, around] * shell.ranges[middle] * (1 + ROUNDING),
+            ~is_inner & ~is_inner[[1, 2, 0]],
+            shell.cosines[around],
+        )
+
+    def bounds(self, prisms: IndexArray, points: FloatArray) -> FloatArray:
+        """(n,): bounds for hulls of points (R, n, 3) over the triangle of one prism (n,) each: 0 where the hull does
+        not meet the prism, and infinite where it may leave all prisms there."""
+        seen = (
+            dot_products(points, selected_vectors(self.planes[plane], prisms)) - self.offsets[plane, prisms]
+            for plane in range(4)
+        )
+        meets, stays = np.ones((2, len(prisms)), dtype=bool)
+        for side in range(3):
+            heights, margin = next(seen), self.margins[side, prisms]
+            meets &= heights.max(axis=0) >= -margin
+            stays &= ~self.are_outer[side, prisms] | (heights.min(axis=0) > margin)
+        bounds = np.abs(next(seen)).max(axis=0) / self.cosines[prisms]
+        return np.where(meets, np.where(stays, bounds, np.inf), 0.0)

@@ -15,7 +15,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import component_major, cross_products, dot_products, lengths, selected_vectors, units
 from ..surface.bicubic import HALVES
 from ..surface.triangle_coefficients import triangle_quarters
-from .piece_hulls import SIDES, Pieces, are_alike
+from .piece_hulls import CORNERS_OF, Pieces, all_points, are_alike
 from .shells import Shell
 
 # Points within this part of the triangle's size of a corner's vector count as on the vector; bounds include the part.
@@ -67,12 +67,11 @@ class FramedPieces:
         )
         sides = np.stack([corners[(k + 1) % 3] - corners[k] for k in range(3)])
         sizes = lengths(sides).max(axis=0)
-        points_of = [each.swapaxes(1, 2) for each in (pieces.hulls, pieces.flats)]
-        low = np.minimum(*(each.min(axis=0) for each in points_of)).T
-        high = np.maximum(*(each.max(axis=0) for each in points_of)).T
+        points_of = all_points(pieces).swapaxes(1, 2)
+        low, high = points_of.min(axis=0).T, points_of.max(axis=0).T
         radii = (lengths((low + high) / 2 - corners) + lengths(high - low) / 2) * (1 + ROUNDING)
         if rows is None:
-            rows = [start for start, _, _ in SIDES[len(pieces.flats)]] if are_alike(pieces) else []
+            rows = CORNERS_OF[len(pieces.flats)] if are_alike(pieces) else []
         is_on = np.ones((3, len(rows), len(own)), dtype=bool)
         for k in range(3):
             for each in (pieces.hulls, pieces.flats):
@@ -202,16 +201,3 @@ def slid_along(seen: FramedPieces, side: int, ranges: FloatArray) -> FloatArray:
     along = units(seen.sides[side])
     first, second = (np.abs(dot_products(along, seen.vectors[k % 3])) for k in (side, side + 1))
     return ranges * np.maximum(first, second)
-
-
-def wall_plane(shell: Shell, triangles: IndexArray, side: int, ranges: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3), (n,): unit normals of planes through sides of triangles, inwards, and bounds of the walls' distance from
-    these planes."""
-    corners, vectors = (
-        component_major(each[triangles].swapaxes(0, 1)) for each in (shell.triangles.corners, shell.triangles.vectors)
-    )
-    first, second = vectors[side], vectors[(side + 1) % 3]
-    along = units(corners[(side + 1) % 3] - corners[side])
-    inwards = units(cross_products(first + second, along))
-    thick = ranges * np.maximum(*(np.abs(dot_products(inwards, vector)) for vector in (first, second)))
-    return inwards, thick * (1 + ROUNDING)

@@ -22,6 +22,9 @@ SIDES: dict[int, list[tuple[int, int, list[int]]]] = {
     28: [(0, 21, [0, 1, 3, 6, 10, 15, 21]), (21, 27, [21, 22, 23, 24, 25, 26, 27]), (27, 0, [27, 20, 14, 9, 5, 2, 0])],
 }
 
+# The drawn points at corners, by the number of drawn points: their hull holds all drawn points.
+CORNERS_OF = {count: [start for start, _, _ in sides] for count, sides in SIDES.items()}
+
 
 @dataclass(frozen=True)
 class Pieces:
@@ -45,14 +48,12 @@ class Pieces:
         return Pieces(np.concatenate([each.triangles for each in pieces]), hulls, flats)
 
     def divided(self, parts: Sequence[FloatArray]) -> Pieces:
-        """The parts of pieces: all first parts, then all second parts, and so on. parts: (R, R) each, from the
-        coefficients of a piece to the coefficients of a part."""
-        return Pieces.joined(
-            [
-                Pieces(self.triangles, *(transformed_nets(rows, each) for each in (self.hulls, self.flats)))
-                for rows in parts
-            ]
-        )
+        """The parts of pieces, as of ``part``: all first parts, then all second parts, and so on."""
+        return Pieces.joined([self.part(rows) for rows in parts])
+
+    def part(self, rows: FloatArray) -> Pieces:
+        """A part of each piece. rows: (R, R), from the coefficients of a piece to the coefficients of the part."""
+        return Pieces(self.triangles, *(transformed_nets(rows, each) for each in (self.hulls, self.flats)))
 
 
 def are_alike(pieces: Pieces) -> bool:
@@ -61,8 +62,9 @@ def are_alike(pieces: Pieces) -> bool:
 
 
 def all_points(pieces: Pieces) -> FloatArray:
-    """(R + R', P, 3): the points of hulls, and the drawn points."""
-    return np.concatenate([each.swapaxes(1, 2) for each in (pieces.hulls, pieces.flats)]).swapaxes(1, 2)
+    """(R + r, P, 3): the points of hulls, and drawn points whose hull holds all of these."""
+    flats = pieces.flats[CORNERS_OF.get(len(pieces.flats), slice(None))]
+    return np.concatenate([each.swapaxes(1, 2) for each in (pieces.hulls, flats)]).swapaxes(1, 2)
 
 
 def off_at_equal(pieces: Pieces) -> FloatArray:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,48 +47,69 @@ def include_pieces(
     form: Form,
     limit: float,
     off_beyond: FloatArray | None = None,
-    *,
-    growth: float,
 ) -> None:
     """Raise the bounds found (n,) of bases to the bounds of their pieces; infinite where no bound within the limit is
-    proved. bases: (P,), of the pieces. off_beyond: as in ``shell_bounds``. growth: the largest factor by which the
-    number of open pieces may grow."""
-    before = np.full(len(found), np.inf)
-    for split in range(SPLITS + 1):
-        beyond = _heights_at(shell, form.values, pieces) > limit
-        found[bases[beyond]] = np.inf
-        left = np.flatnonzero(np.isfinite(found[bases]))
-        bases, pieces = bases[left], pieces.at(left)
-        if not len(left):
-            return
-        bounds = shell_bounds(shell, pieces, off_beyond)
-        is_open = bounds > limit
-        np.maximum.at(found, bases[~is_open], bounds[~is_open])
-        if split == SPLITS or not form.quarters:
-            found[bases[is_open]] = np.inf
-            return
-        counts = np.bincount(bases[is_open], minlength=len(found))
-        if split >= SETTLED_AT:
-            found[counts > growth * before] = np.inf
-        before = counts
-        is_open &= np.isfinite(found[bases])
-        bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
+    proved. bases: (P,), of the pieces. off_beyond: as in ``shell_bounds``."""
+
+    def bounds(some: Pieces) -> FloatArray:
+        return shell_bounds(shell, some, off_beyond)
+
+    def reached(some: Pieces) -> FloatArray:
+        return _heights_at(shell, form.values, some)
+
+    _include(found, bases, pieces, form, limit, SPLITS, bounds, reached)
 
 
 def include_at_equal(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limit: float) -> None:
     """Raise the bounds found (n,) to distances at equal parameters, as in ``include_pieces``."""
-    for split in range(SPLITS_AT_EQUAL + 1):
-        off = off_at_equal(pieces)
-        is_open = off > limit
-        np.maximum.at(found, bases[~is_open], off[~is_open])
-        if split == SPLITS_AT_EQUAL or not form.quarters:
-            found[bases[is_open]] = np.inf
-            return
-        if len(form.values):
-            reached = lengths(pieces.hulls[form.values] - pieces.flats[form.values]).max(axis=0)
-            found[bases[reached > limit]] = np.inf
-        is_open &= np.isfinite(found[bases])
-        bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
+
+    def reached(some: Pieces) -> FloatArray:
+        off: FloatArray = lengths(some.hulls[form.values] - some.flats[form.values]).max(axis=0, initial=0.0)
+        return off
+
+    _include(found, bases, pieces, form, limit, SPLITS_AT_EQUAL, off_at_equal, reached)
+
+
+def _include(
+    found: FloatArray,
+    bases: IndexArray,
+    pieces: Pieces,
+    form: Form,
+    limit: float,
+    splits: int,
+    bounds_of: Callable[[Pieces], FloatArray],
+    reached_by: Callable[[Pieces], FloatArray],
+) -> None:
+    """Raise the bounds found (n,) to bounds of pieces, halved both ways up to a number of times; infinite where they
+    reach beyond the limit, or as soon as more pieces of a base are open than before."""
+    before = np.full(len(found), np.inf)
+    for split in range(splits + 1 if form.quarters else 1):
+        is_last = split == splits or not form.quarters
+        if is_last:
+            before = np.zeros(len(found))
+        counts, left = np.zeros(len(found)), []
+        for rows in form.quarters if split else (None,):
+            own, some = _still_open(found, bases, pieces)
+            if rows is not None:
+                some = some.part(rows)
+            found[own[reached_by(some) > limit]] = np.inf
+            own, some = _still_open(found, own, some)
+            bounds = bounds_of(some)
+            is_open = bounds > limit
+            np.maximum.at(found, own[~is_open], bounds[~is_open])
+            counts += np.bincount(own[is_open], minlength=len(found))
+            if is_last or split >= SETTLED_AT:
+                found[counts > before] = np.inf
+            left.append((own[is_open], some.at(np.flatnonzero(is_open))))
+        left = [_still_open(found, *each) for each in left]
+        bases, pieces = np.concatenate([own for own, _ in left]), Pieces.joined([some for _, some in left])
+        before = counts
+
+
+def _still_open(found: FloatArray, bases: IndexArray, pieces: Pieces) -> tuple[IndexArray, Pieces]:
+    """The bases with finite bounds so far, and their pieces."""
+    left = np.flatnonzero(np.isfinite(found[bases]))
+    return (bases, pieces) if len(left) == len(bases) else (bases[left], pieces.at(left))
 
 
 def _heights_at(shell: Shell, values: IndexArray, pieces: Pieces) -> FloatArray:

@@ -34,11 +34,10 @@ def shell_bounds(shell: Shell, pieces: Pieces, off_beyond: FloatArray | None = N
     # A thin shell has the smallest margins, if the piece fits.
     thin = np.minimum(RANGE_FOR_HEIGHT * seen.heights / shell.cosines[own], shell.ranges[own])
     bounds = bounds_beside(shell, seen, thin)
-    rest = np.flatnonzero(np.isinf(bounds))
+    rest = np.flatnonzero(np.isinf(bounds) & (thin < shell.ranges[own]))
     if len(rest):
-        some = pieces.at(rest)
-        bounds[rest] = bounds_beside(shell, FramedPieces.of(shell, some), shell.ranges[some.triangles])
-        rest = rest[np.isinf(bounds[rest])]
+        bounds[rest] = bounds_beside(shell, seen.at(rest), shell.ranges[own[rest]])
+    rest = np.flatnonzero(np.isinf(bounds))
     if len(rest):
         some = pieces.at(rest)
         bounds[rest] = np.minimum.reduce([bounds_near_corner(shell, some, corner) for corner in range(3)])

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, sums_by_index, units
+from ..arrays.vectors import component_major, cross_products, dot_products, lengths, squared_norms, sums_by_index, units
 
 # The least cosine between a vector and the normals of the triangles around.
 LEAST_COSINE = 0.05
@@ -133,7 +133,8 @@ class Shell:
     vertex from the opposite sides; least_cosines: (V,), the least of the triangles at each vertex. mean_normals:
     (V, 3), spreads: (V,), the mean normal of the triangles at each vertex, and a bound of their distance from the mean.
     is_border: (V,) bool, vertices of closed sides. star_starts: (V + 1,) intp, and star_triangles: the triangles at
-    each vertex, vertex by vertex.
+    each vertex, vertex by vertex. planes: (4, T, 3), unit normals of planes through the sides of a triangle, inwards,
+    and of its own plane; slopes: (3, T), how far a wall is off such a plane, times |s|.
     """
 
     triangles: Triangles
@@ -146,6 +147,8 @@ class Shell:
     is_border: BoolArray
     star_starts: IndexArray
     star_triangles: IndexArray
+    planes: FloatArray
+    slopes: FloatArray
 
     @staticmethod
     def of(triangles: Triangles, is_whole: BoolArray, limit: float) -> Shell:
@@ -162,8 +165,19 @@ class Shell:
         np.maximum.at(spreads, at, lengths(normals - means[at]))
         return Shell(
             triangles, cosines, ranges, stars.distances, least, means, spreads, stars.is_border, stars.starts,
-            stars.triangles,
+            stars.triangles, *_walls(triangles),
         )  # fmt: skip
+
+
+def _walls(triangles: Triangles) -> tuple[FloatArray, FloatArray]:
+    """``Shell.planes`` and ``slopes``."""
+    corners, vectors = (component_major(each.swapaxes(0, 1)) for each in (triangles.corners, triangles.vectors))
+    planes, slopes = [], []
+    for side in range(3):
+        first, second = vectors[side], vectors[(side + 1) % 3]
+        planes.append(units(cross_products(first + second, units(corners[(side + 1) % 3] - corners[side]))))
+        slopes.append(np.maximum(*(np.abs(dot_products(planes[-1], vector)) for vector in (first, second))))
+    return component_major(np.stack([*planes, triangles.normals])), np.stack(slopes)
 
 
 # Where vectors are parallel there is no such range.

@@ -12,7 +12,7 @@ from ..arrays.vectors import component_major, dot_products, lengths, selected_ve
 from .beside_bounds import RANGE_FOR_HEIGHT, Beyond
 from .corner_bounds import bounds_near_corner
 from .framed_pieces import ON_VECTOR, ROUNDING, FramedPieces, Side, are_in_front, slid_along
-from .piece_hulls import SIDES, Pieces, are_alike, off_at_equal
+from .piece_hulls import CORNERS_OF, SIDES, Pieces, are_alike, off_at_equal
 from .shells import Shell
 
 # A relative margin of coordinates, above the rounding of points of triangles.
@@ -44,8 +44,8 @@ def raised_at_sides(shell: Shell, pieces: Pieces, bounds: FloatArray, off_beyond
 
 def _curves_on(shell: Shell, pieces: Pieces, counted: BoolArray) -> tuple[IndexArray, IndexArray, Pieces]:
     """The curves of pieces over counted sides (P, 3) of their triangles: (n,) the piece of each curve, and its side."""
-    sides, which, turns, curves = SIDES[len(pieces.flats)], [], [], []
-    starts = [start for start, _, _ in sides]
+    sides, starts = SIDES[len(pieces.flats)], CORNERS_OF[len(pieces.flats)]
+    which, turns, curves = [], [], []
     for turn in range(3):
         chosen = np.flatnonzero(counted[:, turn])
         are_on = _are_on_side(shell, pieces.triangles[chosen], turn, selected_vectors(pieces.flats[starts], chosen))
