@@ -107,8 +107,8 @@ class _Prisms:
     """The prisms of triangles that share a corner with others, seen from corner 0 of these. starts: (T + 1,), the first
     prism of each of T triangles. planes: (4, N, 3), the unit normals of the planes through the sides, inwards, and of
     the triangle; offsets: (4, N), the components of these planes along their normals. margins: (3, N), the walls'
-    distances from their planes; are_outer: (3, N) bool, whether no corner of the triangle in the middle is on a side.
-    cosines: (N,), as of ``Shell``."""
+    distances from their planes, with rounding; are_outer: (3, N) bool, whether no corner of the triangle in the middle
+    is on a side. cosines: (N,), as of ``Shell``."""
 
     starts: IndexArray
     planes: FloatArray
@@ -129,12 +129,14 @@ class _Prisms:
         middle = triangles[owners]
         planes = selected_vectors(shell.planes, around)
         corners = every.corners[around][:, [0, 1, 2, 0]].swapaxes(0, 1) - every.corners[middle, 0]
+        sides = every.corners[middle, 1:].swapaxes(0, 1) - every.corners[middle, 0]
+        sizes = lengths(np.concatenate([corners, sides])).max(axis=0) + shell.ranges[middle]
         is_inner = (every.vertices[around][:, :, None] == every.vertices[middle][:, None]).any(axis=2).T
         return _Prisms(
             np.searchsorted(owners, np.arange(len(triangles) + 1)),
             planes,
             dot_products(corners, planes),
-            shell.slopes[:, around] * shell.ranges[middle] * (1 + ROUNDING),
+            shell.slopes[:, around] * shell.ranges[middle] * (1 + ROUNDING) + ROUNDING * sizes,
             ~is_inner & ~is_inner[[1, 2, 0]],
             shell.cosines[around],
         )

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,9 @@ from .shells import Shell
 # given up for too many more open pieces than before. A curve without proved places meets twice as many pieces each
 # time, a single point no more.
 SPLITS, SETTLED_AT = 5, 2
+
+# The number of pieces of which all quarters are bounded together.
+MOST_TOGETHER = 1 << 9
 
 # The number of times pieces are halved at equal parameters.
 SPLITS_AT_EQUAL = 2
@@ -88,10 +91,10 @@ def _include(
         if is_last:
             before = np.zeros(len(found))
         counts, left = np.zeros(len(found)), []
-        for rows in form.quarters if split else (None,):
+        for parts in _taken_together(form, len(bases)) if split else ((),):
             own, some = _still_open(found, bases, pieces)
-            if rows is not None:
-                some = some.part(rows)
+            if parts:
+                own, some = np.tile(own, len(parts)), some.divided(parts)
             found[own[reached_by(some) > limit]] = np.inf
             own, some = _still_open(found, own, some)
             bounds = bounds_of(some)
@@ -104,6 +107,14 @@ def _include(
         left = [_still_open(found, *each) for each in left]
         bases, pieces = np.concatenate([own for own, _ in left]), Pieces.joined([some for _, some in left])
         before = counts
+        if not len(bases):
+            return
+
+
+def _taken_together(form: Form, count: int) -> Sequence[Sequence[FloatArray]]:
+    """The quarters to bound together of a number of pieces: one after the other if they are many, so that bases are
+    given up between."""
+    return [[rows] for rows in form.quarters] if count > MOST_TOGETHER else [form.quarters]
 
 
 def _still_open(found: FloatArray, bases: IndexArray, pieces: Pieces) -> tuple[IndexArray, Pieces]:
