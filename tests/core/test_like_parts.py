@@ -14,11 +14,11 @@ from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
 from ccdepth_addon.core.depth.like_parts import LikeParts, like_parts
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
-from tests.drawn_levels import sampled
+from tests.drawn_levels import Level, sampled
 from tests.thorough import cases
 
 # The distance between rows of parts: their coordinates are rounded differently.
-APART = 1.7
+APART = 6.7
 
 
 def joined(parts: list[meshes.MeshData]) -> PolygonMesh:
@@ -141,15 +141,15 @@ def test_the_distances_of_copies_include_the_differences_of_vertices() -> None:
     assert np.all(found.depths[beyond] > 0)
 
 
-def test_a_level_is_disproved_by_a_copy_only_if_nothing_else_is_near() -> None:
+def test_copies_near_one_another_are_looked_at_together() -> None:
     """Copies that lie upon one another, a little apart: triangles of one are within the tolerance of the other."""
     data = meshes.landscape(3, 3, 4)
     size = meshes.diagonal(data)
     tolerance = 0.05
     near = joined([meshes.moved(data, 0, 0, 0.06 * place) for place in range(8)])
     far = joined([meshes.moved(data, 0, 0, 2 * size * place) for place in range(8)])
-    assert not like_parts(near, np.inf, tolerance).are_apart
-    assert like_parts(far, np.inf, tolerance).are_apart
+    assert like_parts(near, np.inf, tolerance).mesh is near
+    assert like_parts(far, np.inf, tolerance).mesh.face_count == 9
     found, alone = (face_depths(mesh, tolerance, "DISTANCE", "CONTROL") for mesh in (near, far))
     assert alone.exact.mean() > found.exact.mean()
     for mesh, depths in ((near, found), (far, alone)):
@@ -157,3 +157,21 @@ def test_a_level_is_disproved_by_a_copy_only_if_nothing_else_is_near() -> None:
         # Samples miss the farthest points by less than the distance changes over a sixteenth of a face.
         assert np.all(back[depths.exact & (depths.depths == 1)] > 0.9 * tolerance)
     assert np.any(sampled(near, 0, Vertices.CONTROL)[1][alone.exact & (alone.depths == 1)] < 0.9 * tolerance)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_copies_without_the_neighbour_of_the_first_part_are_as_near_as_proved(share: float) -> None:
+    """The first part lies on its own finer mesh, which is within the tolerance of its surface; the others are alone."""
+    data = meshes.landscape(4, 4, 2)
+    finer = Level(meshes.build(data)).refined().mesh
+    support = meshes.from_faces(finer.positions, finer.corner_vertices.reshape(-1, 4).tolist())
+    size = meshes.diagonal(data)
+    mesh = joined([data, support, *(meshes.moved(data, 3 * size * place) for place in range(1, 9))])
+    there, back, _ = sampled(mesh, 0, Vertices.CONTROL)
+    tolerance = share * float(np.maximum(there, back)[-16:].max())
+    found = face_depths(mesh, tolerance, "DISTANCE", "CONTROL")
+    own = np.maximum(there, back)[-16:]
+    assert np.all(found.depths[-16:][own > tolerance] > 0)
+    level = uniform_level(mesh, tolerance, "DISTANCE", "CONTROL", found)
+    there, back, step = sampled(mesh, level, Vertices.CONTROL)
+    assert max(back.max(), there.max() - 2 * step) <= tolerance

@@ -91,27 +91,19 @@ def distance_depths(
     parts, in_parts = _one_of_each(mesh, test)
     disproved: list[DisprovedLevels] = []
 
-    def disprove(depths: FaceDepths, whole: PolygonMesh, test: ToleranceTest) -> None:
-        """Note which depths are the least ones. whole: all that may be near their faces."""
-        for level in np.unique(depths.depths[depths.depths > 0]).tolist():
-            own = np.flatnonzero(depths.depths == level)
-            disproved[:] = disproved or [DisprovedLevels.of(whole, vertices, test, tick)]
-            depths.exact[own] = disproved[0].all_before(level, depths.faces[own], tick)
-
     for found in _depths_in_parts(parts.mesh, in_parts, vertices, np.unique(parts.faces[faces]), effort, tick):
-        if parts.are_apart:
-            disprove(found, parts.mesh, in_parts)
+        for level in np.unique(found.depths[found.depths > 0]).tolist():
+            own = np.flatnonzero(found.depths == level)
+            disproved[:] = disproved or [DisprovedLevels.of(parts.mesh, vertices, in_parts, tick)]
+            found.exact[own] = disproved[0].all_before(level, found.faces[own], tick)
         some, places = parts.like(faces, found.faces)
-        whole = FaceDepths(some, *(column[places] for name, column in vars(found).items() if name != "faces"))
-        if not parts.are_apart:
-            disprove(whole, mesh, test)
-        yield whole
+        yield FaceDepths(some, *(column[places] for name, column in vars(found).items() if name != "faces"))
 
 
 def _one_of_each(mesh: PolygonMesh, test: ToleranceTest) -> tuple[LikeParts, ToleranceTest]:
     """One of each part of a mesh, and the test for its distances: those of a like part differ by ``off`` at the mesh
     and at the surface. docs/distance.md, Like parts."""
-    parts = like_parts(mesh, LARGEST_OFF * test.tolerance, 2 * test.tolerance)
+    parts = like_parts(mesh, LARGEST_OFF * test.tolerance, test.tolerance)
     return parts, replace(test, allowance=test.allowance + 2 * parts.off)
 
 

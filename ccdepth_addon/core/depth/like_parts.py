@@ -27,13 +27,11 @@ LARGEST_SHARE = 0.5
 @dataclass(frozen=True)
 class LikeParts:
     """One of each part of a mesh. mesh: these parts alone. faces: (F,) intp, for each face of the whole mesh the like
-    face of ``mesh``. off: the largest distance between a vertex and its like vertex, once the part is moved there.
-    are_apart: whether parts are known to be farther than the reach from one another."""
+    face of ``mesh``. off: the largest distance between a vertex and its like vertex, once the part is moved there."""
 
     mesh: PolygonMesh
     faces: IndexArray
     off: float
-    are_apart: bool
 
     def like(self, faces: IndexArray, found: IndexArray) -> tuple[IndexArray, IndexArray]:
         """(n,) intp twice: those of some faces of the whole mesh that are like one of the faces found of ``mesh``, and
@@ -51,13 +49,14 @@ class LikeParts:
 
 
 def like_parts(mesh: PolygonMesh, largest_off: float, reach: float) -> LikeParts:
-    """One of each part of a mesh; the mesh itself if hardly any parts are alike. largest_off: the largest distance
-    between vertices of like parts, in the unit of the positions; never more than a ``smallest_step``. reach: the
-    distance below which parts are near each other.
+    """One of each part of a mesh; the mesh itself if hardly any parts are alike, or any may be near another: what is
+    found of a part beside another does not hold for its copies. largest_off: the largest distance between vertices of
+    like parts, in the unit of the positions; never more than a ``smallest_step``. reach: half of the least distance
+    between parts.
 
     Parts have neither faces in common nor vertices, and their vertices follow one another in the mesh.
     """
-    alone = LikeParts(mesh, np.arange(mesh.face_count), 0.0, True)
+    alone = LikeParts(mesh, np.arange(mesh.face_count), 0.0)
     parts = _Parts.of(mesh) if mesh.face_count else None
     if parts is None:
         return alone
@@ -66,13 +65,13 @@ def like_parts(mesh: PolygonMesh, largest_off: float, reach: float) -> LikeParts
         found, farthest = parts.likes(mesh, alike, min(largest_off, smallest_step(mesh)))
         likes[alike], off = alike[found], max(off, farthest)
     is_kept = likes == np.arange(len(likes))
-    if parts.face_counts[is_kept].sum() > LARGEST_SHARE * mesh.face_count:
+    if parts.face_counts[is_kept].sum() > LARGEST_SHARE * mesh.face_count or not parts.are_apart(mesh, reach):
         return alone
     kept = np.sort(parts.faces_of(np.flatnonzero(is_kept)))
     of_faces = np.empty(mesh.face_count, dtype=np.intp)
     of_faces[parts.faces_of(np.arange(len(likes)))] = np.searchsorted(kept, parts.faces_of(likes))
     own = faces_alone(mesh, kept).changed(axes=mesh.axes, rounded_size=rounded_size(mesh))
-    return LikeParts(own, of_faces, off, parts.are_apart(mesh, reach))
+    return LikeParts(own, of_faces, off)
 
 
 @dataclass(frozen=True)
@@ -139,7 +138,7 @@ class _Parts:
         return likes, off
 
     def are_apart(self, mesh: PolygonMesh, reach: float) -> bool:
-        """Whether parts are known to be farther than ``reach`` from one another, with all their levels and the
+        """Whether parts are known to be farther than twice ``reach`` from one another, with all their levels and the
         surface, which stay in the box of their vertices."""
         low, high = (each.reduceat(mesh.positions, self.first_vertices) for each in (np.minimum, np.maximum))
         tree = BoxTree.around(low - reach, high + reach)
