@@ -22,7 +22,7 @@ from .windings import facing, windings
 # The place in a triangle where covering is counted: asymmetric weights of the corners.
 PLACE_IN_TRIANGLE = np.array([0.4137, 0.3271, 0.2592])
 
-# An excess beyond this part of the goal prevents a bound.
+# An excess beyond this part of the goal may prevent a bound.
 EXCESS_SHARE = 0.02
 
 # The border has to run about one way: the sum of its parts is no shorter than this part of the sum of their lengths.
@@ -129,10 +129,10 @@ def over_pieces(
     first: IndexArray,
     goals: FloatArray,
     margin: float,
-) -> tuple[FloatArray, IndexArray, IndexArray] | None:
+) -> tuple[FloatArray, IndexArray, IndexArray, IndexArray] | None:
     """Bounds of the distance between parts of triangles and the surface (n,), infinite where the surface may not cover
-    a part; the leaf of each bound (n,); and the leaves with too large an excess (m,). None if several parts have too
-    many leaves over them, ``LEAVES_OVER_AT_ONCE``.
+    a part; the leaf of each bound (n,); and pairs (m,) of parts with bounds beyond the goals and leaves over them with
+    too large an excess. None if several parts have too many leaves over them, ``LEAVES_OVER_AT_ONCE``.
 
     corners: (n, 3, 3); normals: (n, 3), of their triangles; directions: (n, 3), unit vectors to look along; first: (n,)
     intp, a unit near each. goals: (n,), bounds below the goals are as good. margin: the rounding allowance.
@@ -145,25 +145,25 @@ def over_pieces(
     at_border[covering.over.owners[covering.border[0]]] = True
     inside = covering.has_partners & ~at_border
     covered = inside & _winds_once(covering.over, len(corners), margin)
-    upper, worst, blamed = _heights(regions, covering.over, covered, goals, margin)
+    upper, worst = _heights(regions, covering.over, covered, goals, margin)
     for sheet, covered in _sheets(pieces, covering.over, inside & (upper > goals), margin):
-        found, leaves, more = _heights(regions, sheet, covered, goals, margin)
+        found, leaves = _heights(regions, sheet, covered, goals, margin)
         worst = np.where(found < upper, leaves, worst)
         upper = np.minimum(found, upper)
-        blamed = np.concatenate([blamed, more])
     chosen = np.flatnonzero(covering.has_partners & at_border)
     if len(chosen):
         chosen, moved = _moved_inwards(regions, covering, chosen, goals, margin)
     if len(chosen):
-        covering = _covering(pieces, moved, first[chosen], goals[chosen], margin)
-        if covering is None:
+        there = _covering(pieces, moved, first[chosen], goals[chosen], margin)
+        if there is None:
             return None
-        covered = covering.has_partners & _winds_once(covering.over, len(chosen), margin)
-        covered &= _is_beyond_border(moved, covering, margin)
-        found, leaves, more = _heights(moved, covering.over, covered, goals[chosen], margin)
+        covered = there.has_partners & _winds_once(there.over, len(chosen), margin)
+        covered &= _is_beyond_border(moved, there, margin)
+        found, leaves = _heights(moved, there.over, covered, goals[chosen], margin)
         upper[chosen], worst[chosen] = np.hypot(found + moved.rises(), moved.moved), leaves
-        blamed = np.concatenate([blamed, more])
-    return upper, worst, np.unique(blamed)
+    over, most = covering.over, np.where(upper > goals, EXCESS_SHARE * np.maximum(goals, 0.0), np.inf)
+    too_much = over.excess > most[over.owners]
+    return upper, worst, over.owners[too_much], over.leaves[too_much]
 
 
 def _covering(
@@ -278,12 +278,10 @@ def _are_aside(points: FloatArray, chords: FloatArray, outline: FloatArray, exce
 
 def _heights(
     regions: Regions, over: Over, covered: BoolArray, goals: FloatArray, margin: float
-) -> tuple[FloatArray, IndexArray, IndexArray]:
-    """(n,), (n,) and (m,): the largest heights over covered parts, and leaves, as in ``over_pieces``."""
+) -> tuple[FloatArray, IndexArray]:
+    """(n,) twice: the largest heights over covered parts, and their leaves, as in ``over_pieces``."""
     _, _, steepness, unevenness = plane_functionals(regions.normals, regions.corners, regions.directions)
-    owners, leaves = over.owners, over.leaves
-    is_used = covered[owners]
-    blamed = leaves[~is_used & (over.excess > 0)]
+    owners = over.owners
     inward = applied(regions.axes, regions.sides.inward.swapaxes(0, 1)).swapaxes(0, 1)
     views = Views(
         inside=over.inside,
@@ -294,9 +292,7 @@ def _heights(
         steepness=steepness[owners],
         unevenness=unevenness[owners],
     )
-    upper, worst, found = largest_of_each(views, owners, leaves, covered, goals, margin)
-    too_much = is_used & (over.excess > EXCESS_SHARE * goals[owners]) & (found > goals[owners])
-    return upper, worst, np.concatenate([blamed, leaves[too_much]])
+    return largest_of_each(views, owners, over.leaves, covered, goals, margin)
 
 
 def _moved_inwards(

@@ -85,7 +85,7 @@ def over_triangles(
     covered &= _are_odd(owners, np.concatenate(inside, axis=1), len(block), margin)
     upper, worst = np.where(covered, 0.0, np.inf), first
     for under in found:
-        heights, which, _ = largest_of_each(under.views, under.owners, under.which, covered, goals, margin)
+        heights, which = largest_of_each(under.views, under.owners, under.which, covered, goals, margin)
         worst = np.where(heights > upper, which, worst)
         upper = np.maximum(upper, heights)
     return upper, worst

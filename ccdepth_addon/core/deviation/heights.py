@@ -146,16 +146,16 @@ class Views(ColumnTable):
 
 def largest_of_each(
     views: Views, owners: IndexArray, which: IndexArray, covered: BoolArray, goals: FloatArray, margin: float
-) -> tuple[FloatArray, IndexArray, FloatArray]:
+) -> tuple[FloatArray, IndexArray]:
     """The largest heights (n,) in views of pairs of owners and things (K,), infinite where the things do not cover an
-    owner; the things (n,) of these heights, or NONE; and the heights (K,). covered, goals: (n,), of the owners."""
+    owner; and the things (n,) of these heights, or NONE. covered, goals: (n,), of the owners."""
     # Uncovered owners need no clipping.
     heights = views.largest_heights(np.where(covered, goals, np.inf)[owners], margin)
     upper, worst = np.where(covered, 0.0, np.inf), np.full(len(goals), NONE)
     np.maximum.at(upper, owners, heights)
     at_most = covered[owners] & (heights == upper[owners])
     worst[owners[at_most]] = which[at_most]
-    return upper, worst, heights
+    return upper, worst
 
 
 def _differences(values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
-from ..arrays.types import FloatArray, IndexArray
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import dot_products, lengths, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, first_of_each
 from .columns import NONE, Table, columns
-from .covering_pieces import over_pieces
+from .covering_pieces import EXCESS_SHARE, over_pieces
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles, distance_slack, to_quads, to_triangles
 
@@ -45,6 +45,9 @@ TILTED = 0.98
 
 # Triangles with a height below this part of their longest side are cut along that side alone.
 LONG = 0.25
+
+# Pieces with too large an excess are split up to this many times at once: parts wait for them.
+DEEPER = 5
 
 # A new tree is made when the number of pieces has grown by this factor.
 GROWN = 1.5
@@ -127,17 +130,19 @@ class Leaves:
 @dataclass(frozen=True)
 class Parts(Table):
     """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, the proved
-    distance; leaves: (N,) intp, the nearest piece."""
+    distance; leaves: (N,) intp, the nearest piece; is_waiting: (N,) bool, whether pieces with too large an excess lie
+    over the part."""
 
     corners: FloatArray
     owners: IndexArray
     bounds: FloatArray
     leaves: IndexArray
+    is_waiting: BoolArray
 
     @staticmethod
     def unknown(corners: FloatArray, owners: IndexArray, bounds: FloatArray) -> Parts:
         """Parts with only bounds known."""
-        return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp))
+        return Parts(corners, owners, bounds, np.zeros_like(owners), np.zeros(len(owners), dtype=bool))
 
     def quarters(self) -> Parts:
         """The four parts of each part, with the bound of the whole; long parts are cut along their longest side."""
@@ -202,14 +207,23 @@ class MeshToSurface:
         return self.findings.is_exhausted(self.surface.pieces.count + len(parts.owners))
 
     def _split(self, parts: Parts) -> Parts:
-        """Split the pieces that are large beside their parts, and otherwise the parts."""
+        """Split the pieces with too large an excess, those that are large beside their parts, and other parts."""
         pieces = self.surface.pieces
         sizes = lengths(np.ptp(parts.corners, axis=1))
         of_leaves = lengths(pieces.high[parts.leaves] - pieces.low[parts.leaves])
-        used = np.unique(np.concatenate([parts.leaves[of_leaves > FINE_SHARE * sizes], self.blamed]))
+        self._split_blamed(EXCESS_SHARE * self._goals(parts).min(initial=np.inf))
+        used = np.unique(parts.leaves[of_leaves > FINE_SHARE * sizes])
         self.surface.split(used[pieces.first_child[used] == NONE])
-        fine = of_leaves <= COARSE_SHARE * sizes
+        fine = (of_leaves <= COARSE_SHARE * sizes) & ~parts.is_waiting
         return parts.at(~fine).joined([parts.at(fine).quarters()])
+
+    def _split_blamed(self, most: float) -> None:
+        """Split the pieces over parts that have too large an excess, and their children with an excess beyond most."""
+        pieces = self.surface.pieces
+        blamed = self.blamed[pieces.first_child[self.blamed] == NONE]
+        for _ in range(DEEPER):
+            children = self.surface.split(blamed)
+            blamed = children[pieces.excess[children] > most]
 
     def _record(self, parts: Parts) -> None:
         np.maximum.at(self.upper, parts.owners, parts.bounds)
@@ -226,7 +240,7 @@ class MeshToSurface:
         corners = parts.corners[block]
         nearest, near = leaves.nearest(corners.mean(axis=1))
         self.findings.tick()
-        parts.leaves[block] = nearest.pieces
+        parts.leaves[block], parts.is_waiting[block] = nearest.pieces, False
         np.maximum.at(self.findings.in_faces, self._faces(parts.at(block)), near - nearest.off)
         self._bound_by_heights(parts, block, self._directions(parts, block, nearest))
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
@@ -292,8 +306,9 @@ class MeshToSurface:
             for half, along in zip(np.array_split(block, 2), np.array_split(directions, 2), strict=True):
                 self._bound_by_heights(parts, half, along)
             return
-        found, leaves, blamed = over
+        found, leaves, waiting, blamed = over
         self.blamed = np.union1d(self.blamed, blamed)
+        parts.is_waiting[block[waiting]] = True
         found += self.findings.allowance
         better = np.flatnonzero(found < parts.bounds[block])
         parts.bounds[block[better]] = found[better]
