@@ -13,7 +13,7 @@ from scipy.spatial import Delaunay
 
 from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
-from ccdepth_addon.core.deviation import Deviation, measure_deviation
+from ccdepth_addon.core.deviation import Deviation, KeptProofs, measure_deviation
 from ccdepth_addon.core.deviation.bezier_pieces import bezier_pieces
 from ccdepth_addon.core.deviation.mesh_to_surface import Facets
 from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
@@ -266,6 +266,39 @@ def test_adaptive_results_of_thin_triangles_are_decided(seed: int) -> None:
     surface, _ = result(control, 4, limit=True)
     # Long triangles may be nearest though their middles are not.
     assert distances(surface, made.positions, corners, found.proved).max() <= found.proved + 1e-12
+
+
+@pytest.mark.parametrize("name", each(["torus", "random creases", "landscape", "n-gons"], short=["torus"]))
+def test_what_is_proved_of_one_mesh_holds_of_the_next(name: str) -> None:
+    """With vertices moved by up to three times the distance asked for, and back, and with triangles missing."""
+    generator = np.random.default_rng(1)
+    control = meshes.build(MESHES[name]())
+    plain, whole = result(control, 2, limit=True)
+    enough, proofs, verdicts = 2 * off_surface(control, 2), KeptProofs(), set()
+    for moved, missing in ((0, 0), (3, 0), (0, 0), (5, 0), (0, 3), (40, 0), (2, 1), (0, 0)):
+        positions = plain.copy()
+        chosen = generator.choice(len(plain), moved)
+        positions[chosen] += 3 * enough * generator.uniform(-1, 1, (moved, 3)) / np.sqrt(3)
+        triangles = np.delete(generator.permutation(whole), np.arange(missing), axis=0)
+        found = measure_deviation(control, positions, triangles, enough=enough, proofs=proofs)
+        there, back = sampled(name, positions, triangles)
+        assert np.all(found.face_bounds.max() >= there - 1e-12)
+        assert np.all(found.triangle_bounds >= back - off_surface(control, fine_level(control)))
+        alone = measure_deviation(control, positions, triangles, enough=enough)
+        assert (found.proved <= enough) == (alone.proved <= enough)
+        verdicts.add(found.proved <= enough)
+    assert len(verdicts) == 2
+
+
+def test_a_part_that_the_next_mesh_has_not_is_missed_however_far_it_was() -> None:
+    """A flat surface below a flat mesh, whose boxes have no point in common."""
+    control = meshes.build(meshes.grid(4, 4), smooth_corners=False)
+    positions, triangles = result(control, 1, limit=True)
+    outside = (np.abs(positions[triangles].mean(axis=1) - [2, 2, 0]) > 1).any(axis=1)
+    lifted, proofs = positions + np.array([0, 0, 0.5]), KeptProofs()
+    assert measure_deviation(control, lifted, triangles, enough=0.6, proofs=proofs).proved <= 0.6
+    found = measure_deviation(control, lifted, triangles[outside], enough=0.6, proofs=proofs)
+    assert found.proved >= found.reached > 1
 
 
 @cache

@@ -12,7 +12,7 @@ from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..deviation.columns import NONE
 from ..deviation.surface_to_mesh import nearest_triangles
-from ..deviation.triangles import Triangles, barycentric
+from ..deviation.triangles import Triangles, barycentric, places_among, rows_of_triangles
 
 # The largest number of vertices of the finer mesh taken as samples.
 MOST_SAMPLES = 1 << 18
@@ -30,8 +30,8 @@ class Places:
 
 
 class SampledDistances:
-    """Distances between a fine mesh and coarser ones, both ways. Triangles of the
-    mesh before keep their distances, and so do samples nearest to them.
+    """Distances between a fine mesh and coarser ones, both ways. Triangles of the mesh before keep their distances, and
+    so do samples nearest to them.
 
     positions: (V, 3) float64; corners: (T, 3) intp, of the fine mesh, at least one triangle. tick: is called again and
     again, and may raise to stop, here as in the methods.
@@ -44,7 +44,7 @@ class SampledDistances:
         self._samples = positions[used[chosen]]
         # Of the last mesh, at first the fine one: the triangles, the distances of their own points, and the triangle
         # that each sample is nearest to, with its distance.
-        self._rows, self._own = rows_of_triangles(positions, corners), np.zeros(len(corners))
+        self._rows, self._own = rows_of_triangles(self._triangles.points), np.zeros(len(corners))
         self._nearest, self._apart = first[chosen] // 3, np.zeros(len(self._samples))
 
     def of(self, mesh: Triangles, positions: FloatArray, corners: IndexArray, tick: Tick) -> FloatArray:
@@ -53,7 +53,7 @@ class SampledDistances:
         A sample of the fine mesh counts for its nearest triangle, as found in this mesh or before; vertices, middles of
         edges and centroids of the coarse mesh count for their triangles.
         """
-        rows = rows_of_triangles(positions, corners)
+        rows = rows_of_triangles(mesh.points)
         before = places_among(rows, self._rows)
         now = np.full(len(self._rows), NONE)
         there = np.flatnonzero(before != NONE)
@@ -131,20 +131,3 @@ def nearest_of(mesh: Triangles, places: FloatArray, tick: Tick) -> IndexArray:
         which[block] = nearest_triangles(mesh, places[block]).which
         tick()
     return which
-
-
-def places_among(rows: FloatArray, others: FloatArray) -> IndexArray:
-    """(N,) intp: the place of each of the rows (N, d) among others (M, d), exactly; ``NONE`` if it is not there."""
-    if not len(others):
-        return np.full(len(rows), NONE)
-    found, known = (np.ascontiguousarray(each + 0.0).view(f"V{8 * each.shape[1]}").ravel() for each in (rows, others))
-    order = np.argsort(known, kind="stable")
-    places = order[np.minimum(np.searchsorted(known, found, sorter=order), len(known) - 1)]
-    return np.where(known[places] == found, places, NONE)
-
-
-def rows_of_triangles(positions: FloatArray, triangles: IndexArray) -> FloatArray:
-    """(T, 9): the corners' positions of each triangle (T, 3), from its least vertex on."""
-    corners = positions[triangles]
-    first = np.lexsort(np.moveaxis(corners, 2, 0)[::-1], axis=1)[:, :1]
-    return np.take_along_axis(corners, ((first + np.arange(3)) % 3)[..., None], axis=1).reshape(len(corners), 9)

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..deviation import Deviation, SampledSurface, measure_deviation
+from ..deviation import Deviation, KeptProofs, SampledSurface, measure_deviation
 from ..deviation.columns import NONE
-from ..deviation.triangles import Triangles
+from ..deviation.triangles import Triangles, places_among, rows_of_triangles
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
-from .sampled_distances import Places, SampledDistances, nearest_of, places_among, rows_of_triangles
+from .sampled_distances import Places, SampledDistances, nearest_of
 
 # The largest and the least part of the mergeable triangles that an attempt is to merge.
 LARGEST_SHARE, LEAST_SHARE = 0.75, 0.15
@@ -108,6 +108,7 @@ class Reduction:
         self._surface: SampledSurface | None = None
         self._is_fixed = np.zeros(len(start.positions), dtype=bool)
         self._share, self._refusals = LARGEST_SHARE, 0
+        self._proofs = KeptProofs()
         self._samples = SampledDistances(start.positions, start.corners, lambda: progress(0.0))
 
     @property
@@ -199,7 +200,7 @@ class Reduction:
     def _turned(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
         """(T,) bool: the triangles with samples beyond an angle, except for those of the current mesh. What the start
         does not keep does not count."""
-        rows, before = (rows_of_triangles(each.positions, each.corners) for each in (mesh, self.current))
+        rows, before = (rows_of_triangles(each.positions[each.corners.T]) for each in (mesh, self.current))
         is_new = places_among(rows, before) == NONE
         turned = np.zeros(len(mesh.corners), dtype=bool)
         for of_shading, angle in self._largest_angles.items():
@@ -225,6 +226,7 @@ class Reduction:
             mesh.corners,
             accuracy=ACCURACY_BEYOND,
             enough=self._limit,
+            proofs=self._proofs,
             progress=progress,
         )
 
