@@ -13,7 +13,7 @@ from scipy.spatial import Delaunay
 
 from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
-from ccdepth_addon.core.deviation import Deviation, measure_deviation
+from ccdepth_addon.core.deviation import Deviation, KeptProofs, measure_deviation
 from ccdepth_addon.core.deviation.bezier_pieces import bezier_pieces
 from ccdepth_addon.core.deviation.mesh_to_surface import Facets
 from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
@@ -266,6 +266,44 @@ def test_adaptive_results_of_thin_triangles_are_decided(seed: int) -> None:
     surface, _ = result(control, 4, limit=True)
     # Long triangles may be nearest though their middles are not.
     assert distances(surface, made.positions, corners, found.proved).max() <= found.proved + 1e-12
+
+
+@pytest.mark.parametrize("name", each(["torus", "random creases", "landscape", "n-gons"], short=["torus"]))
+def test_what_is_proved_of_one_mesh_holds_of_the_next(name: str) -> None:
+    """With vertices moved by up to three times the distance asked for, and back, and with triangles missing."""
+    generator = np.random.default_rng(1)
+    control = meshes.build(MESHES[name]())
+    plain, whole = result(control, 2, limit=True)
+    enough, proofs, verdicts = 2 * off_surface(control, 2), KeptProofs(), set()
+    for moved, missing in ((0, 0), (3, 0), (0, 0), (5, 0), (0, 3), (40, 0), (2, 1), (0, 0)):
+        positions = plain.copy()
+        chosen = generator.choice(len(plain), moved)
+        positions[chosen] += 3 * enough * generator.uniform(-1, 1, (moved, 3)) / np.sqrt(3)
+        triangles = np.delete(generator.permutation(whole), np.arange(missing), axis=0)
+        found = measure_deviation(control, positions, triangles, enough=enough, proofs=proofs)
+        there, back = sampled(name, positions, triangles)
+        assert np.all(found.face_bounds.max() >= there - 1e-12)
+        assert np.all(found.triangle_bounds >= back - off_surface(control, fine_level(control)))
+        alone = measure_deviation(control, positions, triangles, enough=enough)
+        assert (found.proved <= enough) == (alone.proved <= enough)
+        verdicts.add(found.proved <= enough)
+    assert len(verdicts) == 2
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_next_mesh_is_missed_where_triangles_are_gone(which: int) -> None:
+    """One of the two triangles over each piece of a flat surface so far below that no boxes meet."""
+    control = meshes.build(meshes.grid(4, 4), smooth_corners=False)
+    positions, triangles = result(control, 1, limit=True)
+    lifted, proofs, enough = positions + np.array([0.0, 0.0, 0.5]), KeptProofs(), 0.505
+    whole = measure_deviation(control, lifted, triangles, accuracy=1e-3, enough=enough, proofs=proofs)
+    assert whole.proved <= enough
+    left = np.delete(triangles, 60 + which, axis=0)
+    found = measure_deviation(control, lifted, left, accuracy=1e-3, enough=enough, proofs=proofs)
+    # The middle of the circle inside the missing triangle, with two sides of a half, is nearest to its sides.
+    distance = np.hypot(0.5, (1 - np.sqrt(0.5)) / 2)
+    assert found.proved >= distance - 1e-9
+    assert found.reached > enough
 
 
 @cache

@@ -203,7 +203,7 @@ class DrawnLeaves:
         if len(chosen):
             mesh, owners = self._of(chosen)
             other_way = MeshToSurface(surface, mesh, count, np.inf, owners)
-            other_way.settle()
+            other_way.settle(np.arange(mesh.count))
             np.maximum.at(found, owners, other_way.upper)
         return np.where(found <= limit, found, np.inf)
 

@@ -18,6 +18,7 @@ from ..mesh.validation import validate
 from ..progress import Progress, no_report
 from .bezier_pieces import bezier_pieces
 from .findings import Findings
+from .kept_proofs import KeptProofs
 from .mesh_to_surface import MeshToSurface
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles
@@ -75,6 +76,7 @@ def measure_deviation(
     tolerance: float | None = None,
     enough: float = 0.0,
     limit: float = 0.0,
+    proofs: KeptProofs | None = None,
     progress: Progress = no_report,
 ) -> Deviation:
     """The deviation of a mesh of triangles from the limit surface of ``control``, both ways.
@@ -85,13 +87,16 @@ def measure_deviation(
     (``PIECES_OF_EACH`` by default), time_limit (seconds): the measurement ends there with the bounds proved so far.
     tolerance: distances far below the tolerance need not be told apart. enough: bounds are not refined below this
     distance. limit: the measurement goes on until it decides whether all is within this distance, however near the
-    result is. progress: receives the fraction done about every tenth of a second, and may raise to stop.
+    result is. proofs: of the mesh measured before against the same control mesh, and then of this one; what is reached is
+    then reached at new triangles or near them. progress: receives the fraction done about every tenth of a
+    second, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()
     validate(control)
     _check(positions, triangles)
-    origin, size = _frame(control, positions, triangles)
+    proofs = KeptProofs() if proofs is None else proofs
+    origin, size = _frame(control, positions, triangles, proofs.origin)
     allowance = rounding_allowance(control, size)
     if max_pieces is None:
         max_pieces = PIECES_OF_EACH * (len(triangles) + len(control.corner_vertices)) + PIECES_BESIDES
@@ -110,12 +115,14 @@ def measure_deviation(
     )
     mesh = Triangles.of(positions - origin, triangles, findings.tick)
     moved = control.changed(positions=control.positions - origin)
-    pieces = bezier_pieces(moved, len(triangles) // TRIANGLES_OF_A_UNIT, findings.tick)
+    pieces = proofs.pieces or bezier_pieces(moved, len(triangles) // TRIANGLES_OF_A_UNIT, findings.tick)
     whole = 2 * np.sqrt(3) * size
     surface = SurfaceToMesh(pieces, mesh, findings, whole)
-    surface.settle(pieces.leaves())
     other_way = MeshToSurface(surface, mesh, control.face_count, whole)
-    other_way.settle()
+    left, triangles_left = proofs.take(other_way)
+    surface.settle(left)
+    other_way.settle(triangles_left)
+    proofs.keep(other_way, origin)
     return _deviation(surface, other_way, triangle_faces, origin)
 
 
@@ -138,13 +145,16 @@ def _check(positions: FloatArray, triangles: IndexArray) -> None:
         raise ValueError("the mesh to measure has a vertex at no finite position")
 
 
-def _frame(control: PolygonMesh, positions: FloatArray, triangles: IndexArray) -> tuple[FloatArray, float]:
-    """The centre of the box around both meshes, and the largest coordinate seen from the centre."""
+def _frame(
+    control: PolygonMesh, positions: FloatArray, triangles: IndexArray, origin: FloatArray | None
+) -> tuple[FloatArray, float]:
+    """The origin, by default the centre of the box around both meshes, and the largest coordinate seen from it."""
     used = np.zeros(len(positions), dtype=bool)
     used[triangles] = True
     points = np.concatenate([control.positions[control.vertex_face_counts > 0], positions[used]])
     low, high = points.min(axis=0), points.max(axis=0)
-    return (low + high) / 2, float((high - low).max()) / 2
+    origin = (low + high) / 2 if origin is None else origin
+    return origin, float(np.maximum(high - origin, origin - low).max())
 
 
 def _deviation(

@@ -179,10 +179,10 @@ class MeshToSurface:
         self.upper = np.zeros(self.mesh.count)
         self.face_upper = np.zeros(face_count)
 
-    def settle(self) -> None:
-        """Split triangles and pieces until proved and reached distances are near each other."""
-        count = self.mesh.count
-        parts = Parts.unknown(self.mesh.points.swapaxes(0, 1), np.arange(count), np.full(count, self.whole))
+    def settle(self, triangles: IndexArray) -> None:
+        """Split triangles, first the given ones, and pieces until proved and reached distances are near each other."""
+        corners = self.mesh.points[:, triangles].swapaxes(0, 1)
+        parts = Parts.unknown(corners, triangles, np.full(len(triangles), self.whole))
         leaves = Leaves.of(self.surface.pieces, self.findings.tick)
         while len(parts.owners):
             self.blamed = np.zeros(0, dtype=np.intp)

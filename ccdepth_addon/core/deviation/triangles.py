@@ -163,3 +163,20 @@ def _on_sides(places: FloatArray, corners: FloatArray) -> FloatArray:
         np.copyto(best, points, where=nearer)
         np.copyto(least, distances, where=nearer)
     return best
+
+
+def rows_of_triangles(points: FloatArray) -> FloatArray:
+    """(T, 9): the corners of each triangle, points (3, T, 3), from its least corner on."""
+    first = np.lexsort(np.moveaxis(points, 2, 0)[::-1], axis=0)[:1]
+    turned = np.take_along_axis(points, ((first + np.arange(3)[:, None]) % 3)[..., None], axis=0)
+    return turned.swapaxes(0, 1).reshape(-1, 9)
+
+
+def places_among(rows: FloatArray, others: FloatArray) -> IndexArray:
+    """(N,) intp: the place of each of the rows (N, d) among others (M, d), exactly; ``NONE`` if it is not there."""
+    if not len(others):
+        return np.full(len(rows), NONE)
+    found, known = (np.ascontiguousarray(each + 0.0).view(f"V{8 * each.shape[1]}").ravel() for each in (rows, others))
+    order = np.argsort(known, kind="stable")
+    places = order[np.minimum(np.searchsorted(known, found, sorter=order), len(known) - 1)]
+    return np.where(known[places] == found, places, NONE)

@@ -12,7 +12,7 @@ from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..deviation.columns import NONE
 from ..deviation.surface_to_mesh import nearest_triangles
-from ..deviation.triangles import Triangles, barycentric
+from ..deviation.triangles import Triangles, barycentric, places_among, rows_of_triangles
 
 # The largest number of vertices of the finer mesh taken as samples.
 MOST_SAMPLES = 1 << 18
@@ -30,7 +30,8 @@ class Places:
 
 
 class SampledDistances:
-    """Distances between a fine mesh and coarser ones, both ways.
+    """Distances between a fine mesh and coarser ones, both ways. Triangles of the mesh before keep their distances, and
+    so do samples nearest to them.
 
     positions: (V, 3) float64; corners: (T, 3) intp, of the fine mesh, at least one triangle. tick: is called again and
     again, and may raise to stop, here as in the methods.
@@ -38,28 +39,49 @@ class SampledDistances:
 
     def __init__(self, positions: FloatArray, corners: IndexArray, tick: Tick) -> None:
         self._triangles = Triangles.of(positions, corners, tick)
-        used = np.unique(corners)
-        self._samples = positions[used[:: len(used) // MOST_SAMPLES + 1]]
+        used, first = np.unique(corners, return_index=True)
+        chosen = slice(None, None, len(used) // MOST_SAMPLES + 1)
+        self._samples = positions[used[chosen]]
+        # Of the last mesh, at first the fine one: the triangles, the distances of their own points, and the triangle
+        # that each sample is nearest to, with its distance.
+        self._rows, self._own = rows_of_triangles(self._triangles.points), np.zeros(len(corners))
+        self._nearest, self._apart = first[chosen] // 3, np.zeros(len(self._samples))
 
     def of(self, mesh: Triangles, positions: FloatArray, corners: IndexArray, tick: Tick) -> FloatArray:
         """(T,) float64: the longest distance at each triangle of a mesh. positions: (V, 3); corners: (T, 3), its own.
 
-        A sample of the fine mesh counts for the triangle it is nearest to; vertices, middles of edges and centroids of
-        the coarse mesh count for their triangles.
+        A sample of the fine mesh counts for its nearest triangle, as found in this mesh or before; vertices, middles of
+        edges and centroids of the coarse mesh count for their triangles.
         """
-        farthest = np.zeros(len(corners))
-        for block in chunks(len(self._samples), AT_ONCE):
-            found = nearest_triangles(mesh, self._samples[block])
-            np.maximum.at(farthest, found.which, found.distances)
+        rows = rows_of_triangles(mesh.points)
+        before = places_among(rows, self._rows)
+        now = np.full(len(self._rows), NONE)
+        there = np.flatnonzero(before != NONE)
+        now[before[there]] = there
+        nearest, apart = now[self._nearest], self._apart.copy()
+        lost = np.flatnonzero(nearest == NONE)
+        for block in chunks(len(lost), AT_ONCE):
+            found = nearest_triangles(mesh, self._samples[lost[block]])
+            nearest[lost[block]], apart[lost[block]] = found.which, found.distances
             tick()
+        own, new = self._own[before], np.flatnonzero(before == NONE)
+        own[new] = self._of_own_points(positions, corners[new], tick)
+        self._rows, self._own, self._nearest, self._apart = rows, own, nearest, apart
+        farthest = own.copy()
+        np.maximum.at(farthest, nearest, apart)
+        return farthest
+
+    def _of_own_points(self, positions: FloatArray, corners: IndexArray, tick: Tick) -> FloatArray:
+        """(T,): the longest distance of the vertices, middles of edges and centroid of triangles (T, 3)."""
+        if not len(corners):
+            return np.zeros(0)
         used, of_corners = np.unique(corners, return_inverse=True)
         at_vertices = self._from(positions[used], tick)[of_corners.reshape(corners.shape)]
         at_centroids = self._from(positions[corners].mean(axis=1), tick)
         edges, of_triangles = edges_of(corners)
-        at_middles = self._from(positions[edges].mean(axis=1), tick)
-        for distances in (at_vertices, at_middles[of_triangles], at_centroids[:, None]):
-            np.maximum(farthest, distances.max(axis=1), out=farthest)
-        return farthest
+        at_middles = self._from(positions[edges].mean(axis=1), tick)[of_triangles]
+        found: FloatArray = np.concatenate([at_vertices, at_middles, at_centroids[:, None]], axis=1).max(axis=1)
+        return found
 
     def places_of(self, positions: FloatArray, corners: IndexArray, tick: Tick) -> Places:
         """The places on the fine mesh of the vertices (V, 3) of a coarse one with triangles (T, 3)."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..deviation import Deviation, SampledSurface, measure_deviation
-from ..deviation.triangles import Triangles
+from ..deviation import Deviation, KeptProofs, SampledSurface, measure_deviation
+from ..deviation.columns import NONE
+from ..deviation.triangles import Triangles, places_among, rows_of_triangles
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
 from .sampled_distances import Places, SampledDistances, nearest_of
@@ -107,6 +108,7 @@ class Reduction:
         self._surface: SampledSurface | None = None
         self._is_fixed = np.zeros(len(start.positions), dtype=bool)
         self._share, self._refusals = LARGEST_SHARE, 0
+        self._proofs = KeptProofs()
         self._samples = SampledDistances(start.positions, start.corners, lambda: progress(0.0))
 
     @property
@@ -198,7 +200,8 @@ class Reduction:
     def _turned(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
         """(T,) bool: the triangles with samples beyond an angle, except for those of the current mesh. What the start
         does not keep does not count."""
-        is_new = ~is_among(_rows_of_triangles(mesh), _rows_of_triangles(self.current))
+        rows, before = (rows_of_triangles(each.positions[each.corners.T]) for each in (mesh, self.current))
+        is_new = places_among(rows, before) == NONE
         turned = np.zeros(len(mesh.corners), dtype=bool)
         for of_shading, angle in self._largest_angles.items():
             counts = is_new & mesh.is_smooth if of_shading else is_new
@@ -223,6 +226,7 @@ class Reduction:
             mesh.corners,
             accuracy=ACCURACY_BEYOND,
             enough=self._limit,
+            proofs=self._proofs,
             progress=progress,
         )
 
@@ -233,7 +237,7 @@ class Reduction:
         return nearly if nearly.any() else unproved
 
     def _accept(self, mesh: TriangleMesh, proof: Proof | None, reached: float) -> None:
-        self._is_fixed = is_among(mesh.positions, self.current.positions[self._is_fixed])
+        self._is_fixed = places_among(mesh.positions, self.current.positions[self._is_fixed]) != NONE
         self.current, self._refusals = mesh, 0
         if proof is not None:
             self.proof = proof
@@ -278,16 +282,3 @@ def has_double(corners: IndexArray) -> BoolArray:
     found = np.zeros(len(corners), dtype=bool)
     found[order[1:][is_repeated]] = found[order[:-1][is_repeated]] = True
     return found
-
-
-def is_among(rows: FloatArray, others: FloatArray) -> BoolArray:
-    """(N,) bool: whether each of the rows (N, d) is exactly among others (M, d)."""
-    found, known = (np.ascontiguousarray(each + 0.0).view(f"V{8 * each.shape[1]}").ravel() for each in (rows, others))
-    return np.isin(found, known)
-
-
-def _rows_of_triangles(mesh: TriangleMesh) -> FloatArray:
-    """(T, 9): the corners' positions of each triangle, from its least vertex on."""
-    corners = mesh.positions[mesh.corners]
-    first = np.lexsort(np.moveaxis(corners, 2, 0)[::-1], axis=1)[:, :1]
-    return np.take_along_axis(corners, ((first + np.arange(3)) % 3)[..., None], axis=1).reshape(len(corners), 9)
