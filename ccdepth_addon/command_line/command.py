@@ -16,6 +16,7 @@ from typing import Any, TextIO
 
 import bpy
 
+from ..tasks.surfaces import ComputeError
 from ..ui.lengths import printable, printable_lines
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError, scripts_as_started
@@ -33,7 +34,7 @@ PROGRAM = f"blender -b --command {COMMAND}"
 EXIT_FAILURE = 1
 
 # Why a file cannot be done, so that the others still can.
-FAULTS = (CommandError, OSError)
+FAULTS = (CommandError, ComputeError, OSError)
 
 # Bytes of names that are not UTF-8 are escaped; JSON has the same escapes.
 NOT_UNICODE = "backslashreplace"

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import degrees
@@ -20,15 +20,23 @@ from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import smooth_faces
 from ..exchange.face_values import BOUND_KIND
 from ..exchange.modifiers import shown_vertices
-from ..state import properties
-from ..state.properties import Settings, set_scene_tolerance, setting_names
+from ..operators.adaptive_operator import make_and_place, way_to_place
+from ..operators.compute_depth import depth_notes, depths_computed
+from ..operators.count_faces import read_to_count, tolerance_found
+from ..operators.measure_deviation import deviation_notes, deviations_measured
+from ..operators.mesh_operators import answer_of
+from ..operators.set_levels import levels_set
+from ..state import heat_map, properties, result_record
+from ..state.chosen import surface_object
+from ..state.properties import Settings, scene_tolerance, set_scene_tolerance, setting_names
+from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
-from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortest_decimal
+from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, shortest_decimal
 from ..ui.lengths import printable
 from . import picture
 from .amounts import UNITS
 from .arguments import MAKING, SCENE_RANGE, action_of, is_measured, output_of
-from .blender_calls import CommandError, call
+from .blender_calls import CommandError
 from .chosen_objects import chosen_objects, missing_inputs
 from .mesh_files import (
     BLEND,
@@ -90,7 +98,10 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     action = action_of(options)
     lost = _leave_out_shading(settings, objects) if action == SUBDIVIDE and _has_no_normals(output) else ()
     if options.faces is not None:
-        call_for(objects, bpy.ops.ccdepth.find_tolerance, face_budget=options.faces)
+        adaptive = AdaptiveSettings.of(settings, scene_tolerance(settings))
+        sources = [result_record.control_object(each) for each in objects]
+        tasks = answer_of(read_to_count(bpy.context, objects, sources, adaptive))
+        answer_of(tolerance_found(bpy.context, tasks, adaptive, options.faces))
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
     targets = surfaces_of(objects) if is_checked else []
@@ -198,11 +209,8 @@ def measure_settings(time_limit: float | None) -> MeasureSettings:
 
 
 def surfaces_of(objects: Sequence[bpy.types.Object]) -> list[MeasureTask]:
-    """The limit surfaces of the objects. Raises CommandError."""
-    try:
-        return prepare_targets(bpy.context, list(objects), measure_settings(None))
-    except ComputeError as fault:
-        raise CommandError(str(fault)) from fault
+    """The limit surfaces of the objects. Raises ComputeError."""
+    return prepare_targets(bpy.context, list(objects), measure_settings(None))
 
 
 def _write(
@@ -295,10 +303,9 @@ def settings_of(action: str) -> dict[str, Any]:
     return Settings.of(bpy.context.scene.ccdepth, SETTINGS[action]).values
 
 
-def call_for(objects: Sequence[bpy.types.Object], operator: Any, **properties: Any) -> None:
-    """Call an operator with chosen objects selected."""
-    with bpy.context.temp_override(selected_objects=list(objects), active_object=objects[0]):
-        call(operator, **properties)
+def _print_notes(notes: Iterable[str]) -> None:
+    for note in notes:
+        print(f"Warning: {printable(note)}")
 
 
 def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance: float) -> ObjectEntry:
@@ -307,8 +314,13 @@ def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance
     return ObjectEntry(blender_object.name, settings, length, len(blender_object.data.polygons))
 
 
-def _compute_depths(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    call_for(objects, bpy.ops.ccdepth.compute)
+def _compute(objects: list[bpy.types.Object]) -> None:
+    holder = bpy.context.scene.ccdepth
+    _print_notes(depth_notes(answer_of(depths_computed(bpy.context, objects, holder, scene_tolerance(holder)))))
+
+
+def _compute_depths(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+    _compute(objects)
     print_facts(objects)
     return [(_depth_entry(each, settings), each) for each in objects]
 
@@ -327,9 +339,9 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
     )
 
 
-def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    call_for(objects, bpy.ops.ccdepth.compute)
-    call_for(objects, bpy.ops.ccdepth.set_levels)
+def _set_levels(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+    _compute(objects)
+    _print_notes(filter(None, [levels_set(bpy.context, objects)]))
     print_facts(objects)
     return [
         (replace(_depth_entry(each, settings), result_faces=int(each.data.ccdepth.uniform_faces)), each)
@@ -337,19 +349,18 @@ def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -
     ]
 
 
-def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+def _subdivide(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     names, faces = [each.name for each in objects], [len(each.data.polygons) for each in objects]
-    in_place = bpy.context.scene.ccdepth.output == "IN_PLACE"
-    before = set(bpy.data.objects)
-    call_for(objects, bpy.ops.ccdepth.subdivide)
-    made = list(objects)
-    if not in_place:
-        results = {each.ccdepth.source: each for each in bpy.data.objects if each not in before}
-        made = [results[each] for each in objects]
-    print_facts(made)
+    holder = bpy.context.scene.ccdepth
+    adaptive, way = AdaptiveSettings.of(holder, scene_tolerance(holder)), way_to_place(objects, holder)
+    made = answer_of(make_and_place(bpy.context, objects, objects, holder, adaptive, way))
+    results = [made.placed[each] for each in objects]
+    heat_map.show(bpy.context, heat_map.Shown.DISTANCE)
+    _print_notes(made.notes)
+    print_facts(results)
     return [
         (replace(_adaptive_entry(each, settings), name=name, faces=count), each)
-        for name, count, each in zip(names, faces, made, strict=True)
+        for name, count, each in zip(names, faces, results, strict=True)
     ]
 
 
@@ -366,17 +377,14 @@ def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> Objec
     )
 
 
-def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+def _measure(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     """Measure each object against its own limit surface."""
-    found = []
+    found, unit = [], scene_unit(bpy.context.scene)
     for each in objects:
-        call_for([each], bpy.ops.ccdepth.measure)
-        record = each.data.ccdepth
-        distances = Distances.of(record.deviation, record.deviation_reached, scene_unit(bpy.context.scene))
-        entry = _entry(each, settings, record.measurement.world_tolerance)
-        entry = replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
-        angles = degrees(record.deviation_facet_angle), degrees(record.deviation_shading_angle)
-        found.append((replace(entry, facet_angle=angles[0], shading_angle=angles[1]), each))
+        wanted = {surface_object(each): [each]}
+        [answer] = answers = answer_of(deviations_measured(bpy.context, wanted, MeasureSettings(**settings)))
+        _print_notes(deviation_notes(answers))
+        found.append((with_answer(_entry(each, settings, answer.tolerance), answer, unit), each))
     return found
 
 

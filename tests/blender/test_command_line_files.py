@@ -285,7 +285,7 @@ def test_levels_are_set_unless_it_is_a_result(tmp_path: Path, capfd: Capture) ->
     assert len(cube.data.polygons) == 6 * 4**level
     # A result is fine enough already.
     assert run(path, "--subdivide", *LIMIT, "--output", tmp_path / "made.blend") == 0
-    message = "Levels would subdivide the result itself: set the levels of its source"
+    message = "Cube Adaptive: it is a result, made from “Cube”; set the levels of the source"
     assert message in said(capfd, tmp_path / "made.blend", "--levels", *LIMIT, "--output", tmp_path / "again.blend")
     assert not (tmp_path / "again.blend").exists()
 
