@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..core import METHODS, Effort, Mode
+from ..exchange.mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
 from ..state.properties import VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import LEAST, UNITS, angle, face_budget, face_limit, number_from, typed_tolerance, whole_number
-from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
 from .report import DEPTHS, LEVELS, MEASURE, SUBDIVIDE, reports_in
 
 # The actions that make meshes for other formats.

@@ -16,17 +16,18 @@ from typing import Any, TextIO
 
 import bpy
 
+from ..exchange.blender_calls import CommandError, scripts_as_started
+from ..exchange.mesh_files import refuse_place
+from ..exchange.whole_files import UnwrittenError, written_whole
 from ..tasks.surfaces import ComputeError
 from ..ui.lengths import printable, printable_lines
 from .arguments import STANDARD_OUTPUT, Parser, action_of
-from .blender_calls import CommandError, scripts_as_started
-from .one_file import process_file, refuse_place
+from .one_file import process_file
 from .processes import own_process, process_files
 from .report import FileEntry, Report, csv_text, json_text, losses, stamp
 from .report_page import page
 from .report_reading import ReportError, gathered_reports
 from .verification import verify
-from .whole_files import UnwrittenError, written_whole
 
 COMMAND = "ccdepth"
 PROGRAM = f"blender -b --command {COMMAND}"

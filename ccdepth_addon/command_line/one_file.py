@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,9 +16,27 @@ import bpy
 import numpy as np
 
 from ..exchange.blender_arrays import read_values
+from ..exchange.blender_calls import CommandError
 from ..exchange.custom_normals import smooth_faces
 from ..exchange.face_values import BOUND_KIND
+from ..exchange.mesh_files import (
+    BLEND,
+    COMPANIONS,
+    INPUTS,
+    WITHOUT_NORMALS,
+    check_blend,
+    load,
+    names_of,
+    reader,
+    refuse_place,
+    unit_of,
+    write_blend,
+    write_meshes,
+    writer,
+    written_there,
+)
 from ..exchange.modifiers import shown_vertices
+from ..exchange.whole_files import PNG
 from ..operators.adaptive_operator import make_and_place, way_to_place
 from ..operators.compute_depth import depth_notes, depths_computed
 from ..operators.count_faces import read_to_count, tolerance_found
@@ -31,28 +48,12 @@ from ..state.chosen import surface_object
 from ..state.properties import Settings, scene_tolerance, set_scene_tolerance, setting_names
 from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
-from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, shortest_decimal
+from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, scene_unit, shortest_decimal
 from ..ui.lengths import printable
 from . import picture
 from .amounts import UNITS
 from .arguments import MAKING, SCENE_RANGE, action_of, is_measured, output_of
-from .blender_calls import CommandError
 from .chosen_objects import chosen_objects, missing_inputs
-from .mesh_files import (
-    BLEND,
-    COMPANIONS,
-    INPUTS,
-    WITHOUT_NORMALS,
-    check_blend,
-    load,
-    names_of,
-    reader,
-    scene_unit,
-    unit_of,
-    write_blend,
-    write_meshes,
-    writer,
-)
 from .report import (
     DEPTHS,
     LEVELS,
@@ -69,7 +70,6 @@ from .report import (
     print_measured,
     stamp,
 )
-from .whole_files import PNG, UnwrittenError, refuse_existing, written_whole
 from .written_meshes import Edges, measured_distances, read_written, shown_triangles
 
 SHADING_LOST = "the shading angle (the format has no normals)"
@@ -170,18 +170,6 @@ def refuse_impossible(source: Path | None, output: Path | None, options: Namespa
         raise CommandError(f"{options.picture}: its name must end in {PNG}")
 
 
-def refuse_place(path: Path, overwrite: bool) -> None:
-    """Raise CommandError without a writable folder for a file, and if something there has to stay."""
-    if not path.absolute().parent.is_dir():
-        raise CommandError(f"{path}: there is no folder {path.parent}")
-    if not os.access(path.absolute().parent, os.W_OK):
-        raise CommandError(f"{path}: the folder {path.parent} cannot be written to")
-    try:
-        refuse_existing(path, overwrite, COMPANIONS.get(path.suffix.lower(), ()))
-    except UnwrittenError as fault:
-        raise CommandError(f"{path}: {fault}") from fault
-
-
 def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:
     """Put the given options into the scene, so that a written file holds the settings of its results."""
     for name in GIVEN:
@@ -228,7 +216,7 @@ def _write(
             write_blend(path)
             check_blend(path, [each.name for each in shown])
         else:
-            lost += write_meshes(shown, path, unit)
+            lost += write_meshes({each.name: each for each in shown}, path, scene / unit)
         # The stamp of the measured file, before anything can take its place.
         stamped = replace(stamp(path, unit), path=output)
         companions = tuple(
@@ -271,14 +259,9 @@ def as_held(entry: ObjectEntry, part: Measured) -> ObjectEntry:
 
 @contextmanager
 def _written(path: Path, options: Namespace) -> Iterator[Path]:
-    """The path to write the file to; afterwards the whole file is there, or CommandError is raised."""
-    companions = COMPANIONS.get(path.suffix.lower(), ())
-    try:
-        with written_whole(path, companions=companions, overwrite=options.overwrite) as beside:
-            yield beside
-    except (UnwrittenError, CommandError) as fault:
-        # Blender's own message about a failure need not name the file.
-        raise CommandError(f"{path}: {fault}") from fault
+    """``written_there``, and printed."""
+    with written_there(path, options.overwrite) as beside:
+        yield beside
     print(f"Written: {printable(str(path))}")
 
 

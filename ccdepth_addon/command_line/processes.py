@@ -16,11 +16,11 @@ from time import monotonic, sleep
 
 import bpy
 
+from ..exchange.blender_calls import ENDS, CommandError
+from ..exchange.whole_files import remove_left
 from .arguments import output_of
-from .blender_calls import ENDS, CommandError
 from .report import FileEntry, stamp
 from .report_reading import ReportError, read_report
-from .whole_files import remove_left
 
 # Seconds between looks at the processes, and the seconds for a process to end by itself.
 SECONDS_BETWEEN_LOOKS, GRACE = 0.05, 10.0

@@ -12,13 +12,13 @@ import bpy
 import numpy as np
 
 from ..core import InvalidMeshError, no_report
+from ..exchange.blender_calls import CommandError
 from ..exchange.control_mesh import ControlMeshError
 from ..exchange.data_blocks import Identity
 from ..exchange.displayed_mesh import ShownMesh, Triangles, read_shown_mesh
 from ..exchange.mesh_arrays import mesh_face_count
+from ..exchange.mesh_files import BLEND, CUT_OFF, NO_NAME, read_back
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure
-from .blender_calls import CommandError
-from .mesh_files import BLEND, CUT_OFF, NO_NAME, read_back
 
 STL, PLY, GLB = ".stl", ".ply", ".glb"
 

@@ -16,7 +16,7 @@ from tests.blender import addon, scene
 from tests.blender.runs import Capture, depths_in, mesh_objects, outputs, printed, run, said, save, save_cubes, writable
 
 amounts = addon.module("command_line.amounts")
-blender_calls = addon.module("command_line.blender_calls")
+blender_calls = addon.module("exchange.blender_calls")
 
 LIMIT = ["--tolerance", "0.05", "--absolute", "--method", "certified"]
 
