@@ -220,6 +220,8 @@ def _add_runs(parser: Parser) -> None:
         metavar="SECONDS",
         help="the most seconds for one file: a file that takes longer fails; with --jobs, 1 by default",
     )
+    # The folder of a window that lets this Blender measure what it has written.
+    parser.add_argument("--written", type=Path, help=argparse.SUPPRESS)
     # The file that another process lets this one do, by its number, and the report to write.
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
 

@@ -17,13 +17,11 @@ import numpy as np
 
 from ..exchange.blender_arrays import read_values
 from ..exchange.blender_calls import CommandError
-from ..exchange.custom_normals import smooth_faces
 from ..exchange.face_values import BOUND_KIND
 from ..exchange.mesh_files import (
     BLEND,
     COMPANIONS,
     INPUTS,
-    WITHOUT_NORMALS,
     check_blend,
     load,
     names_of,
@@ -40,11 +38,13 @@ from ..exchange.whole_files import PNG
 from ..operators.adaptive_operator import make_and_place, way_to_place
 from ..operators.compute_depth import depth_notes, depths_computed
 from ..operators.count_faces import read_to_count, tolerance_found
+from ..operators.export_within import leave_out_shading
 from ..operators.measure_deviation import deviation_notes, deviations_measured
 from ..operators.mesh_operators import answer_of
 from ..operators.set_levels import levels_set
 from ..state import heat_map, properties, result_record
 from ..state.chosen import surface_object
+from ..state.mesh_values import AdaptiveFacts
 from ..state.properties import Settings, scene_tolerance, set_scene_tolerance, setting_names
 from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
@@ -62,6 +62,7 @@ from .report import (
     Chosen,
     Distances,
     FileEntry,
+    FileStamp,
     Frame,
     ObjectEntry,
     ReportPictures,
@@ -71,8 +72,6 @@ from .report import (
     stamp,
 )
 from .written_meshes import Edges, measured_distances, read_written, shown_triangles
-
-SHADING_LOST = "the shading angle (the format has no normals)"
 
 # The options that are settings of the scene under the same names.
 GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "output"}
@@ -96,7 +95,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     settings = bpy.context.scene.ccdepth
     change_settings(settings, options)
     action = action_of(options)
-    lost = _leave_out_shading(settings, objects) if action == SUBDIVIDE and _has_no_normals(output) else ()
+    lost = leave_out_shading(settings, objects, output) if action == SUBDIVIDE and output is not None else ()
     if options.faces is not None:
         adaptive = AdaptiveSettings.of(settings, scene_tolerance(settings))
         sources = [result_record.control_object(each) for each in objects]
@@ -120,17 +119,6 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         entry = _write(output, shown, targets, entry, options)
     print_measured(entry)
     return entry
-
-
-def _has_no_normals(output: Path | None) -> bool:
-    return output is not None and output.suffix.lower() in WITHOUT_NORMALS
-
-
-def _leave_out_shading(settings: bpy.types.PropertyGroup, objects: Sequence[bpy.types.Object]) -> tuple[str, ...]:
-    """Turn the shading angle off; returns what objects with smooth faces thereby lose."""
-    is_lost = settings.shading_angle > 0 and any(smooth_faces(each.data).any() for each in objects)
-    settings.shading_angle = 0.0
-    return (SHADING_LOST,) if is_lost else ()
 
 
 def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
@@ -217,13 +205,8 @@ def _write(
             check_blend(path, [each.name for each in shown])
         else:
             lost += write_meshes({each.name: each for each in shown}, path, scene / unit)
-        # The stamp of the measured file, before anything can take its place.
-        stamped = replace(stamp(path, unit), path=output)
-        companions = tuple(
-            replace(stamp(beside, None), path=output.with_suffix(suffix))
-            for suffix in COMPANIONS.get(path.suffix.lower(), ())
-            if (beside := path.with_suffix(suffix)).exists()
-        )
+        # The stamps of the measured file, before anything can take its place.
+        stamped, companions = stamps(path, output, unit)
         if targets or not is_blend:
             written = {each.name: shown_triangles(each) for each in shown}
             parts = read_written(path, unit / scene, written)
@@ -234,6 +217,13 @@ def _write(
                 for each, target, part in zip(entry.objects, targets, parts, strict=True)
             )
     return replace(entry, objects=measured, output=stamped, companions=companions, lost=lost)
+
+
+def stamps(path: Path, place: Path, unit: float) -> tuple[FileStamp, tuple[FileStamp, ...]]:
+    """The stamps of a written file, and of files beside it that belong to it, for the place where it goes."""
+    beside = [each for each in COMPANIONS.get(place.suffix.lower(), ()) if path.with_suffix(each).exists()]
+    companions = (replace(stamp(path.with_suffix(each), None), path=place.with_suffix(each)) for each in beside)
+    return replace(stamp(path, unit), path=place), tuple(companions)
 
 
 def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
@@ -334,7 +324,7 @@ def _set_levels(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Ou
 
 def _subdivide(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     names, faces = [each.name for each in objects], [len(each.data.polygons) for each in objects]
-    holder = bpy.context.scene.ccdepth
+    holder, unit = bpy.context.scene.ccdepth, scene_unit(bpy.context.scene)
     adaptive, way = AdaptiveSettings.of(holder, scene_tolerance(holder)), way_to_place(objects, holder)
     made = answer_of(make_and_place(bpy.context, objects, objects, holder, adaptive, way))
     results = [made.placed[each] for each in objects]
@@ -342,21 +332,23 @@ def _subdivide(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Out
     _print_notes(made.notes)
     print_facts(results)
     return [
-        (replace(_adaptive_entry(each, settings), name=name, faces=count), each)
+        (replace(adaptive_entry(name, count, AdaptiveFacts.of(each.data), settings, unit), result=each.name), each)
         for name, count, each in zip(names, faces, results, strict=True)
     ]
 
 
-def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
-    record = result.data.ccdepth
-    return replace(
-        _entry(result, settings, record.world_tolerance),
-        result=result.name,
-        result_faces=record.faces,
-        deepest=record.deepest,
-        proved=metres_rounded_up(record.largest_bound, scene_unit(bpy.context.scene)),
-        proved_shading=record.largest_shading_angle if record.shading_angle else None,
-        proved_facets=record.largest_facet_angle if record.facet_angle else None,
+def adaptive_entry(name: str, faces: int, facts: AdaptiveFacts, settings: dict[str, Any], unit: float) -> ObjectEntry:
+    """The entry of an object with an adaptive mesh. faces: of its own mesh. unit: of the scene, in metres."""
+    return ObjectEntry(
+        name,
+        settings,
+        shortest_decimal(facts.tolerance) * unit,
+        faces,
+        result_faces=facts.faces,
+        deepest=facts.deepest,
+        proved=metres_rounded_up(facts.proved, unit),
+        proved_shading=facts.shading,
+        proved_facets=facts.facets,
     )
 
 

@@ -97,6 +97,9 @@ LOST = {
 # The formats without normals of their own.
 WITHOUT_NORMALS = {suffix for suffix, names in LOST.items() if "custom normals" in names}
 
+# The loss of an angle in these formats.
+SHADING_LOST = "the shading angle (the format has no normals)"
+
 # The lines of an .mtl file that name a file in another folder, up to this name.
 NAMED_FILE = re.compile(rb"^((?:map_|refl|norm|bump|disp)(?:.* )?)\.\./", re.MULTILINE)
 
