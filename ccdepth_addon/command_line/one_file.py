@@ -208,7 +208,7 @@ def _write(
         # The stamps of the measured file, before anything can take its place.
         stamped, companions = stamps(path, output, unit)
         if targets or not is_blend:
-            written = {each.name: shown_triangles(each) for each in shown}
+            written = {each.name: shown_triangles(each, path) for each in shown}
             parts = read_written(path, unit / scene, written)
         measured = entry.objects
         if targets:

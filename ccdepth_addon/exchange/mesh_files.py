@@ -19,6 +19,7 @@ from .blender_arrays import read_values
 from .blender_calls import CommandError, available, call, known_options, scripts_allowed, temporary_data
 from .custom_normals import CarriedNormals
 from .data_blocks import as_bmesh
+from .displayed_mesh import Triangles
 from .face_values import remove_all
 from .whole_files import UnwrittenError, refuse_existing, written_whole
 
@@ -93,6 +94,9 @@ LOST = {
     ".obj": ("UV maps but one", "colours of corners", "images that are in no file"),
     **dict.fromkeys(USD, ("images that are in no file",)),
 }
+
+# The formats whose reader leaves out repeated triangles, unless their normals differ.
+WITHOUT_REPEATED = {".glb"}
 
 # The formats without normals of their own.
 WITHOUT_NORMALS = {suffix for suffix, names in LOST.items() if "custom normals" in names}
@@ -260,6 +264,15 @@ def write_meshes(objects: Mapping[str, bpy.types.Object], path: Path, scale: flo
         if companion.exists():
             companion.write_bytes(NAMED_FILE.sub(rb"\1", companion.read_bytes()))
     return lost
+
+
+def triangles_in(path: Path, triangles: Triangles) -> int:
+    """The least number of an object's triangles that are read back from a file."""
+    if path.suffix.lower() not in WITHOUT_REPEATED:
+        return len(triangles.corners)
+    _, vertices = np.unique(triangles.positions, axis=0, return_inverse=True)
+    corners = np.sort(vertices.ravel()[triangles.corners], axis=1)
+    return len(np.unique(corners[np.diff(corners, axis=1).all(axis=1)], axis=0))
 
 
 @contextmanager

@@ -34,6 +34,7 @@ from ..exchange.mesh_files import (
     WRITERS,
     names_of,
     refuse_place,
+    triangles_in,
     unit_of,
     write_meshes,
     writer,
@@ -67,8 +68,8 @@ UNIT_ITEMS = (
 
 
 class WrittenPart(NamedTuple):
-    """An object in a written file: its limit surface, the number of its written triangles, and of faces of its own
-    mesh, and the facts of its adaptive mesh."""
+    """An object in a written file: its limit surface, the least number of triangles in the file, the number of faces of
+    its own mesh, and the facts of its adaptive mesh."""
 
     task: MeasureTask
     triangles: int
@@ -264,7 +265,7 @@ def _written(
     with with_other_meshes(context, wanted) as copies, context.temp_override(area=None, region=None):
         for name, copy in zip(parts, copies, strict=True):
             with naming(name):
-                triangles = len(read_shown_mesh(context, copy).triangles.corners)
+                triangles = triangles_in(path, read_shown_mesh(context, copy).triangles)
             parts[name] = parts[name]._replace(triangles=triangles)
         lost = write_meshes(dict(zip(parts, copies, strict=True)), path, scale)
     return parts, lost

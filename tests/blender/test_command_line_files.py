@@ -13,7 +13,19 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.runs import Capture, depths_in, mesh_objects, outputs, printed, run, said, save, save_cubes, writable
+from tests.blender.runs import (
+    Capture,
+    depths_in,
+    mesh_objects,
+    outputs,
+    printed,
+    run,
+    said,
+    save,
+    save_cubes,
+    skip_unwritten,
+    writable,
+)
 
 amounts = addon.module("command_line.amounts")
 blender_calls = addon.module("exchange.blender_calls")
@@ -377,3 +389,19 @@ def test_reports_of_two_files_that_were_written_to_one_place_are_not_gathered(tm
     told = said(capfd, "--gather", parts, "--json", tmp_path / "all.json")
     assert all(str(each) in told for each in (parts / "x.json", parts / "y.json", tmp_path / "out" / "a.blend"))
     assert not (tmp_path / "all.json").exists()
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".ply", ".stl"])
+def test_repeated_triangles_are_no_fault_of_a_file(tmp_path: Path, suffix: str) -> None:
+    """Quads that share two edges can have one triangle in common, which Blender reads from .glb files once."""
+    scene.clear()
+    quads = [[0, 1, 2, 3], [0, 1, 2, 4]]
+    mesh = bpy.data.meshes.new("Twice")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 1, 1)], [], quads)
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("Twice", mesh))
+    mesh.calc_loop_triangles()
+    assert len({tuple(sorted(each.vertices)) for each in mesh.loop_triangles}) == 3 < len(mesh.loop_triangles)
+    # So far off that nothing is subdivided.
+    line = [save(tmp_path / "twice.blend"), "--levels", "--absolute", "--tolerance", "9", "--measure"]
+    skip_unwritten(suffix)
+    assert run(*line, "--output", tmp_path / f"twice{suffix}") == 0
