@@ -42,7 +42,7 @@ from ..operators.export_within import leave_out_shading
 from ..operators.measure_deviation import deviation_notes, deviations_measured
 from ..operators.mesh_operators import answer_of
 from ..operators.set_levels import levels_set
-from ..state import heat_map, properties, result_record
+from ..state import properties, result_record
 from ..state.chosen import surface_object
 from ..state.mesh_values import AdaptiveFacts
 from ..state.properties import Settings, scene_tolerance, set_scene_tolerance, setting_names
@@ -328,7 +328,6 @@ def _subdivide(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Out
     adaptive, way = AdaptiveSettings.of(holder, scene_tolerance(holder)), way_to_place(objects, holder)
     made = answer_of(make_and_place(bpy.context, objects, objects, holder, adaptive, way))
     results = [made.placed[each] for each in objects]
-    heat_map.show(bpy.context, heat_map.Shown.DISTANCE)
     _print_notes(made.notes)
     print_facts(results)
     return [
