@@ -211,7 +211,7 @@ class CCDEPTH_OT_export_within(MakingOperator):
             f"{printable(place.name)}: {triangles:,} triangles, at most {most} from the surface (measured in the file)"
         )
         if entry["lost"]:
-            self.report({"WARNING"}, f"{printable(place.name)} does not hold: {', '.join(entry['lost'])}")
+            self.report({"INFO"}, f"{printable(place.name)} does not hold: {', '.join(entry['lost'])}")
         if all(each["met"] for each in entry["objects"]):
             self.report({"INFO"}, text)
         else:
