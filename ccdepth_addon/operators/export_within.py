@@ -181,15 +181,15 @@ class CCDEPTH_OT_export_within(MakingOperator):
         with edit_mode_left(context):
             tasks = yield from prepare_adaptive(context, sources, settings, objects)
             made, notes = yield from make_unplaced(context, tasks, self, settings, counted)
-            for note in notes:
-                self.report({"WARNING"}, printable(note))
-            yield f"Writing {place.name}"
             try:
+                yield f"Writing {place.name}"
                 # Another scene unit would be another length of everything.
                 unit, scene = unit_of(place, self._unit()), scene_unit(context.scene)
                 parts, more = _written(context, made, self.use_modifiers, path, scene / unit)
             finally:
                 bpy.data.batch_remove(meshes_with([each.mesh_uid for each in made]))
+        for note in notes:
+            self.report({"WARNING"}, printable(note))
         holder = context.scene.ccdepth
         measuring = MeasureSettings.of(self, self.tolerance, accuracy=holder.accuracy, time_limit=0.0)
         source = Path(bpy.data.filepath) if bpy.data.filepath else None
