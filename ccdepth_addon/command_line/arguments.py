@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..core import METHODS, Effort, Mode
+from ..exchange.mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
 from ..state.properties import VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import LEAST, UNITS, angle, face_budget, face_limit, number_from, typed_tolerance, whole_number
-from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
 from .report import DEPTHS, LEVELS, MEASURE, SUBDIVIDE, reports_in
 
 # The actions that make meshes for other formats.
@@ -220,6 +220,8 @@ def _add_runs(parser: Parser) -> None:
         metavar="SECONDS",
         help="the most seconds for one file: a file that takes longer fails; with --jobs, 1 by default",
     )
+    # The folder of a window that lets this Blender measure what it has written.
+    parser.add_argument("--written", type=Path, help=argparse.SUPPRESS)
     # The file that another process lets this one do, by its number, and the report to write.
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
 

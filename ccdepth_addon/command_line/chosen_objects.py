@@ -8,8 +8,8 @@ from pathlib import Path
 
 import bpy
 
+from ..exchange.blender_calls import CommandError, scripts_allowed
 from ..exchange.data_blocks import is_writable, own_copy
-from .blender_calls import CommandError, scripts_allowed
 from .report import name_of
 
 # Objects of these types show no surface of their own.

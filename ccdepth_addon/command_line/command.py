@@ -16,24 +16,26 @@ from typing import Any, TextIO
 
 import bpy
 
+from ..exchange.blender_calls import COMMAND, CommandError, own_process, scripts_as_started
+from ..exchange.mesh_files import refuse_place
+from ..exchange.whole_files import UnwrittenError, written_whole
+from ..tasks.surfaces import ComputeError
 from ..ui.lengths import printable, printable_lines
 from .arguments import STANDARD_OUTPUT, Parser, action_of
-from .blender_calls import CommandError, scripts_as_started
-from .one_file import process_file, refuse_place
-from .processes import own_process, process_files
+from .measured_export import measure_export
+from .one_file import process_file
+from .processes import process_files
 from .report import FileEntry, Report, csv_text, json_text, losses, stamp
 from .report_page import page
 from .report_reading import ReportError, gathered_reports
 from .verification import verify
-from .whole_files import UnwrittenError, written_whole
 
-COMMAND = "ccdepth"
 PROGRAM = f"blender -b --command {COMMAND}"
 
 EXIT_FAILURE = 1
 
 # Why a file cannot be done, so that the others still can.
-FAULTS = (CommandError, OSError)
+FAULTS = (CommandError, ComputeError, OSError)
 
 # Bytes of names that are not UTF-8 are escaped; JSON has the same escapes.
 NOT_UNICODE = "backslashreplace"
@@ -82,6 +84,9 @@ def _execute(
     """Do everything requested; returns whether all is done and every tolerance met."""
     if options.verify is not None:
         return verify(options.verify)
+    if options.written is not None:
+        measure_export(options.written)
+        return True
     if options.one is not None:
         number, path = options.one
         [(_, entry)] = _one_after_the_other([(int(number), options.files[int(number)])], options, names=True)
@@ -107,7 +112,7 @@ def _done(options: Namespace, program: str, arguments: Sequence[str], process: S
         _make_folder(options.output_folder)
     sources: list[Path | None] = options.files or [None]
     if options.jobs is not None and options.files:
-        ended = process_files(process or own_process(COMMAND), options, arguments)
+        ended = process_files(process or own_process(), options, arguments)
     else:
         ended = _one_after_the_other(enumerate(sources), options, names=len(sources) > 1)
     entries: dict[int, FileEntry] = {}

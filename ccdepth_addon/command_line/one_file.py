@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-import os
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import degrees
@@ -17,34 +16,44 @@ import bpy
 import numpy as np
 
 from ..exchange.blender_arrays import read_values
-from ..exchange.custom_normals import smooth_faces
+from ..exchange.blender_calls import CommandError
 from ..exchange.face_values import BOUND_KIND
-from ..exchange.modifiers import shown_vertices
-from ..state import properties
-from ..state.properties import Settings, set_scene_tolerance, setting_names
-from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
-from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortest_decimal
-from ..ui.lengths import printable
-from . import picture
-from .amounts import UNITS
-from .arguments import MAKING, SCENE_RANGE, action_of, is_measured, output_of
-from .blender_calls import CommandError, call
-from .chosen_objects import chosen_objects, missing_inputs
-from .mesh_files import (
+from ..exchange.mesh_files import (
     BLEND,
     COMPANIONS,
     INPUTS,
-    WITHOUT_NORMALS,
     check_blend,
     load,
     names_of,
     reader,
-    scene_unit,
+    refuse_place,
     unit_of,
     write_blend,
     write_meshes,
     writer,
+    written_there,
 )
+from ..exchange.modifiers import shown_vertices
+from ..exchange.whole_files import PNG
+from ..operators.adaptive_operator import make_and_place, way_to_place
+from ..operators.compute_depth import depth_notes, depths_computed
+from ..operators.count_faces import read_to_count, tolerance_found
+from ..operators.export_within import leave_out_shading
+from ..operators.measure_deviation import deviation_notes, deviations_measured
+from ..operators.mesh_operators import answer_of
+from ..operators.set_levels import levels_set
+from ..state import properties, result_record
+from ..state.chosen import surface_object
+from ..state.mesh_values import AdaptiveFacts
+from ..state.properties import Settings, scene_tolerance, set_scene_tolerance, setting_names
+from ..tasks.adaptive_task import AdaptiveSettings
+from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
+from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, scene_unit, shortest_decimal
+from ..ui.lengths import printable
+from . import picture
+from .amounts import UNITS
+from .arguments import MAKING, SCENE_RANGE, action_of, is_measured, output_of
+from .chosen_objects import chosen_objects, missing_inputs
 from .report import (
     DEPTHS,
     LEVELS,
@@ -53,6 +62,7 @@ from .report import (
     Chosen,
     Distances,
     FileEntry,
+    FileStamp,
     Frame,
     ObjectEntry,
     ReportPictures,
@@ -61,10 +71,7 @@ from .report import (
     print_measured,
     stamp,
 )
-from .whole_files import PNG, UnwrittenError, refuse_existing, written_whole
 from .written_meshes import Edges, measured_distances, read_written, shown_triangles
-
-SHADING_LOST = "the shading angle (the format has no normals)"
 
 # The options that are settings of the scene under the same names.
 GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "output"}
@@ -88,9 +95,12 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     settings = bpy.context.scene.ccdepth
     change_settings(settings, options)
     action = action_of(options)
-    lost = _leave_out_shading(settings, objects) if action == SUBDIVIDE and _has_no_normals(output) else ()
+    lost = leave_out_shading(settings, objects, output) if action == SUBDIVIDE and output is not None else ()
     if options.faces is not None:
-        call_for(objects, bpy.ops.ccdepth.find_tolerance, face_budget=options.faces)
+        adaptive = AdaptiveSettings.of(settings, scene_tolerance(settings))
+        sources = [result_record.control_object(each) for each in objects]
+        tasks = answer_of(read_to_count(bpy.context, objects, sources, adaptive))
+        answer_of(tolerance_found(bpy.context, tasks, adaptive, options.faces))
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
     targets = surfaces_of(objects) if is_checked else []
@@ -109,17 +119,6 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         entry = _write(output, shown, targets, entry, options)
     print_measured(entry)
     return entry
-
-
-def _has_no_normals(output: Path | None) -> bool:
-    return output is not None and output.suffix.lower() in WITHOUT_NORMALS
-
-
-def _leave_out_shading(settings: bpy.types.PropertyGroup, objects: Sequence[bpy.types.Object]) -> tuple[str, ...]:
-    """Turn the shading angle off; returns what objects with smooth faces thereby lose."""
-    is_lost = settings.shading_angle > 0 and any(smooth_faces(each.data).any() for each in objects)
-    settings.shading_angle = 0.0
-    return (SHADING_LOST,) if is_lost else ()
 
 
 def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
@@ -159,18 +158,6 @@ def refuse_impossible(source: Path | None, output: Path | None, options: Namespa
         raise CommandError(f"{options.picture}: its name must end in {PNG}")
 
 
-def refuse_place(path: Path, overwrite: bool) -> None:
-    """Raise CommandError without a writable folder for a file, and if something there has to stay."""
-    if not path.absolute().parent.is_dir():
-        raise CommandError(f"{path}: there is no folder {path.parent}")
-    if not os.access(path.absolute().parent, os.W_OK):
-        raise CommandError(f"{path}: the folder {path.parent} cannot be written to")
-    try:
-        refuse_existing(path, overwrite, COMPANIONS.get(path.suffix.lower(), ()))
-    except UnwrittenError as fault:
-        raise CommandError(f"{path}: {fault}") from fault
-
-
 def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:
     """Put the given options into the scene, so that a written file holds the settings of its results."""
     for name in GIVEN:
@@ -198,11 +185,8 @@ def measure_settings(time_limit: float | None) -> MeasureSettings:
 
 
 def surfaces_of(objects: Sequence[bpy.types.Object]) -> list[MeasureTask]:
-    """The limit surfaces of the objects. Raises CommandError."""
-    try:
-        return prepare_targets(bpy.context, list(objects), measure_settings(None))
-    except ComputeError as fault:
-        raise CommandError(str(fault)) from fault
+    """The limit surfaces of the objects. Raises ComputeError."""
+    return prepare_targets(bpy.context, list(objects), measure_settings(None))
 
 
 def _write(
@@ -220,16 +204,11 @@ def _write(
             write_blend(path)
             check_blend(path, [each.name for each in shown])
         else:
-            lost += write_meshes(shown, path, unit)
-        # The stamp of the measured file, before anything can take its place.
-        stamped = replace(stamp(path, unit), path=output)
-        companions = tuple(
-            replace(stamp(beside, None), path=output.with_suffix(suffix))
-            for suffix in COMPANIONS.get(path.suffix.lower(), ())
-            if (beside := path.with_suffix(suffix)).exists()
-        )
+            lost += write_meshes({each.name: each for each in shown}, path, scene / unit)
+        # The stamps of the measured file, before anything can take its place.
+        stamped, companions = stamps(path, output, unit)
         if targets or not is_blend:
-            written = {each.name: shown_triangles(each) for each in shown}
+            written = {each.name: shown_triangles(each, path) for each in shown}
             parts = read_written(path, unit / scene, written)
         measured = entry.objects
         if targets:
@@ -238,6 +217,13 @@ def _write(
                 for each, target, part in zip(entry.objects, targets, parts, strict=True)
             )
     return replace(entry, objects=measured, output=stamped, companions=companions, lost=lost)
+
+
+def stamps(path: Path, place: Path, unit: float) -> tuple[FileStamp, tuple[FileStamp, ...]]:
+    """The stamps of a written file, and of files beside it that belong to it, for the place where it goes."""
+    beside = [each for each in COMPANIONS.get(place.suffix.lower(), ()) if path.with_suffix(each).exists()]
+    companions = (replace(stamp(path.with_suffix(each), None), path=place.with_suffix(each)) for each in beside)
+    return replace(stamp(path, unit), path=place), tuple(companions)
 
 
 def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
@@ -263,14 +249,9 @@ def as_held(entry: ObjectEntry, part: Measured) -> ObjectEntry:
 
 @contextmanager
 def _written(path: Path, options: Namespace) -> Iterator[Path]:
-    """The path to write the file to; afterwards the whole file is there, or CommandError is raised."""
-    companions = COMPANIONS.get(path.suffix.lower(), ())
-    try:
-        with written_whole(path, companions=companions, overwrite=options.overwrite) as beside:
-            yield beside
-    except (UnwrittenError, CommandError) as fault:
-        # Blender's own message about a failure need not name the file.
-        raise CommandError(f"{path}: {fault}") from fault
+    """``written_there``, and printed."""
+    with written_there(path, options.overwrite) as beside:
+        yield beside
     print(f"Written: {printable(str(path))}")
 
 
@@ -295,10 +276,9 @@ def settings_of(action: str) -> dict[str, Any]:
     return Settings.of(bpy.context.scene.ccdepth, SETTINGS[action]).values
 
 
-def call_for(objects: Sequence[bpy.types.Object], operator: Any, **properties: Any) -> None:
-    """Call an operator with chosen objects selected."""
-    with bpy.context.temp_override(selected_objects=list(objects), active_object=objects[0]):
-        call(operator, **properties)
+def _print_notes(notes: Iterable[str]) -> None:
+    for note in notes:
+        print(f"Warning: {printable(note)}")
 
 
 def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance: float) -> ObjectEntry:
@@ -307,8 +287,13 @@ def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance
     return ObjectEntry(blender_object.name, settings, length, len(blender_object.data.polygons))
 
 
-def _compute_depths(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    call_for(objects, bpy.ops.ccdepth.compute)
+def _compute(objects: list[bpy.types.Object]) -> None:
+    holder = bpy.context.scene.ccdepth
+    _print_notes(depth_notes(answer_of(depths_computed(bpy.context, objects, holder, scene_tolerance(holder)))))
+
+
+def _compute_depths(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+    _compute(objects)
     print_facts(objects)
     return [(_depth_entry(each, settings), each) for each in objects]
 
@@ -327,9 +312,9 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
     )
 
 
-def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
-    call_for(objects, bpy.ops.ccdepth.compute)
-    call_for(objects, bpy.ops.ccdepth.set_levels)
+def _set_levels(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+    _compute(objects)
+    _print_notes(filter(None, [levels_set(bpy.context, objects)]))
     print_facts(objects)
     return [
         (replace(_depth_entry(each, settings), result_faces=int(each.data.ccdepth.uniform_faces)), each)
@@ -337,46 +322,43 @@ def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -
     ]
 
 
-def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+def _subdivide(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     names, faces = [each.name for each in objects], [len(each.data.polygons) for each in objects]
-    in_place = bpy.context.scene.ccdepth.output == "IN_PLACE"
-    before = set(bpy.data.objects)
-    call_for(objects, bpy.ops.ccdepth.subdivide)
-    made = list(objects)
-    if not in_place:
-        results = {each.ccdepth.source: each for each in bpy.data.objects if each not in before}
-        made = [results[each] for each in objects]
-    print_facts(made)
+    holder, unit = bpy.context.scene.ccdepth, scene_unit(bpy.context.scene)
+    adaptive, way = AdaptiveSettings.of(holder, scene_tolerance(holder)), way_to_place(objects, holder)
+    made = answer_of(make_and_place(bpy.context, objects, objects, holder, adaptive, way))
+    results = [made.placed[each] for each in objects]
+    _print_notes(made.notes)
+    print_facts(results)
     return [
-        (replace(_adaptive_entry(each, settings), name=name, faces=count), each)
-        for name, count, each in zip(names, faces, made, strict=True)
+        (replace(adaptive_entry(name, count, AdaptiveFacts.of(each.data), settings, unit), result=each.name), each)
+        for name, count, each in zip(names, faces, results, strict=True)
     ]
 
 
-def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
-    record = result.data.ccdepth
-    return replace(
-        _entry(result, settings, record.world_tolerance),
-        result=result.name,
-        result_faces=record.faces,
-        deepest=record.deepest,
-        proved=metres_rounded_up(record.largest_bound, scene_unit(bpy.context.scene)),
-        proved_shading=record.largest_shading_angle if record.shading_angle else None,
-        proved_facets=record.largest_facet_angle if record.facet_angle else None,
+def adaptive_entry(name: str, faces: int, facts: AdaptiveFacts, settings: dict[str, Any], unit: float) -> ObjectEntry:
+    """The entry of an object with an adaptive mesh. faces: of its own mesh. unit: of the scene, in metres."""
+    return ObjectEntry(
+        name,
+        settings,
+        shortest_decimal(facts.tolerance) * unit,
+        faces,
+        result_faces=facts.faces,
+        deepest=facts.deepest,
+        proved=metres_rounded_up(facts.proved, unit),
+        proved_shading=facts.shading,
+        proved_facets=facts.facets,
     )
 
 
-def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+def _measure(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     """Measure each object against its own limit surface."""
-    found = []
+    found, unit = [], scene_unit(bpy.context.scene)
     for each in objects:
-        call_for([each], bpy.ops.ccdepth.measure)
-        record = each.data.ccdepth
-        distances = Distances.of(record.deviation, record.deviation_reached, scene_unit(bpy.context.scene))
-        entry = _entry(each, settings, record.measurement.world_tolerance)
-        entry = replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
-        angles = degrees(record.deviation_facet_angle), degrees(record.deviation_shading_angle)
-        found.append((replace(entry, facet_angle=angles[0], shading_angle=angles[1]), each))
+        wanted = {surface_object(each): [each]}
+        [answer] = answers = answer_of(deviations_measured(bpy.context, wanted, MeasureSettings(**settings)))
+        _print_notes(deviation_notes(answers))
+        found.append((with_answer(_entry(each, settings, answer.tolerance), answer, unit), each))
     return found
 
 

@@ -19,13 +19,13 @@ from mathutils import Matrix
 
 from ..core import FloatArray
 from ..exchange.blender_arrays import read_values
+from ..exchange.blender_calls import CommandError, temporary_data
 from ..exchange.data_blocks import own_copy
 from ..exchange.evaluated import Evaluated, evaluated
 from ..exchange.face_values import COLOR, has_values
 from ..exchange.modifiers import counted_modifiers
 from ..state import heat_map, mesh_values
 from ..state.heat_map import Shown
-from .blender_calls import CommandError, temporary_data
 
 WIDTH, HEIGHT = 1600, 1000
 # The size of pictures in a report, as a part of --picture's: as wide as the page.

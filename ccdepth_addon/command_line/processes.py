@@ -5,7 +5,6 @@ number, and writes its entry to a report."""
 from __future__ import annotations
 
 import subprocess
-import sys
 from argparse import Namespace
 from collections.abc import Generator, Sequence
 from contextlib import suppress
@@ -14,13 +13,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, sleep
 
-import bpy
-
+from ..exchange.whole_files import remove_left
 from .arguments import output_of
-from .blender_calls import ENDS, CommandError
 from .report import FileEntry, stamp
 from .report_reading import ReportError, read_report
-from .whole_files import remove_left
 
 # Seconds between looks at the processes, and the seconds for a process to end by itself.
 SECONDS_BETWEEN_LOOKS, GRACE = 0.05, 10.0
@@ -37,16 +33,6 @@ class _Run:
     log: Path
     process: subprocess.Popen[bytes]
     begin: float
-
-
-def own_process(command: str) -> list[str]:
-    """The line that runs our command in another process of this Blender, with this Blender's own options. Raises
-    CommandError if this Blender is no program."""
-    if not bpy.app.binary_path:
-        raise CommandError("--jobs needs Blender's own program")
-    options = sys.argv[1:]
-    end = next((index for index, option in enumerate(options) if option in ENDS), 0)
-    return [bpy.app.binary_path, *(options[:end] or ["-b"]), "--command", command]
 
 
 def process_files(

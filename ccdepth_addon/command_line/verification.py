@@ -11,14 +11,15 @@ from pathlib import Path
 
 import bpy
 
+from ..exchange.blender_calls import CommandError
+from ..exchange.mesh_files import BLEND, load, unit_of
 from ..state.chosen import surface_object
 from ..state.properties import set_scene_tolerance
 from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement
+from ..tasks.surfaces import scene_unit
 from ..ui.lengths import printable_lines
 from .arguments import MAKING
-from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
-from .mesh_files import BLEND, load, scene_unit, unit_of
 from .one_file import (
     ACTIONS,
     SETTINGS,

@@ -12,13 +12,13 @@ import bpy
 import numpy as np
 
 from ..core import InvalidMeshError, no_report
+from ..exchange.blender_calls import CommandError
 from ..exchange.control_mesh import ControlMeshError
 from ..exchange.data_blocks import Identity
 from ..exchange.displayed_mesh import ShownMesh, Triangles, read_shown_mesh
 from ..exchange.mesh_arrays import mesh_face_count
+from ..exchange.mesh_files import BLEND, CUT_OFF, NO_NAME, WITHOUT_REPEATED, read_back, triangles_in
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure
-from .blender_calls import CommandError
-from .mesh_files import BLEND, CUT_OFF, NO_NAME, read_back
 
 STL, PLY, GLB = ".stl", ".ply", ".glb"
 
@@ -54,15 +54,15 @@ class Edges:
         return cls(not np.any(np.bincount(edges) % 2), not np.any(np.abs(turns) > 1))
 
 
-def shown_triangles(blender_object: bpy.types.Object) -> int:
-    """The number of triangles that the object shows. Raises CommandError."""
-    return len(_shown(blender_object).triangles.corners)
+def shown_triangles(blender_object: bpy.types.Object, path: Path) -> int:
+    """The least number of the triangles that the object shows and a file gives back. Raises CommandError."""
+    return triangles_in(path, _shown(blender_object).triangles)
 
 
 def read_written(path: Path, scale: float, written: Mapping[str, int]) -> list[Measured]:
     """The objects in the file, opened in place of the open file. scale: the unit of the file in the unit of the
-    surfaces. written: the number of triangles of each object, by its name. Raises CommandError if the file does not
-    hold everything written."""
+    surfaces. written: the least number of triangles of each object, by its name. Raises CommandError if the file does
+    not hold everything written."""
     suffix = path.suffix.lower()
     if suffix == STL:
         parts = _split(_read_stl(path), written)
@@ -79,7 +79,7 @@ def read_written(path: Path, scale: float, written: Mapping[str, int]) -> list[M
             ]
     for (name, wanted), part in zip(written.items(), parts, strict=True):
         there = len(part.shown.triangles.corners)
-        if there != wanted:
+        if there < wanted or (there > wanted and suffix not in WITHOUT_REPEATED):
             raise CommandError(f"it holds {there:,} triangles of “{name}”, which has {wanted:,}; {CUT_OFF}")
     return [replace(part, shown=_scaled(part.shown, scale)) for part in parts]
 

@@ -104,10 +104,16 @@ class Evaluated:
         self._meshes: dict[int, tuple[bpy.types.Mesh, str]] = {}
         self._losing: dict[int, str] | None = None
 
-    def add(self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]) -> None:
-        """Copy an object, with chosen modifiers, and with origins on its faces."""
+    def add(
+        self,
+        blender_object: bpy.types.Object,
+        modifiers: Sequence[bpy.types.Modifier],
+        other: bpy.types.Mesh | None = None,
+    ) -> bpy.types.Object:
+        """Copy an object, with chosen modifiers, and with origins on its faces, or with another mesh; returns the
+        copy."""
         names = {modifier.name for modifier in modifiers}
-        mesh, origins = self._mesh(blender_object)
+        mesh, origins = self._mesh(blender_object) if other is None else (other, "")
         is_rigid = blender_object.rigid_body is not None
         copy = bpy.data.objects.new(blender_object.name, mesh) if is_rigid else own_copy(blender_object)
         self._context.scene.collection.objects.link(copy)
@@ -120,6 +126,7 @@ class Evaluated:
             _make_like(blender_object, copy)
         for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
+        return copy
 
     def __contains__(self, blender_object: bpy.types.Object) -> bool:
         return blender_object.session_uid in self._copies
@@ -220,6 +227,19 @@ def evaluated(
             for each, modifiers in copied.items():
                 copies.add(each, modifiers)
             yield copies
+        finally:
+            copies.remove()
+
+
+@contextmanager
+def with_other_meshes(
+    context: bpy.types.Context, wanted: Mapping[bpy.types.Object, tuple[bpy.types.Mesh, Sequence[bpy.types.Modifier]]]
+) -> Iterator[list[bpy.types.Object]]:
+    """Temporary copies of objects in the scene, each with a mesh in place of its own, and with its given modifiers."""
+    copies = Evaluated(context)
+    with paused(context):
+        try:
+            yield [copies.add(each, modifiers, mesh) for each, (mesh, modifiers) in wanted.items()]
         finally:
             copies.remove()
 

@@ -2,7 +2,9 @@
 """Apply Adaptive Subdivision, and the common base of this operator, Update Result and Count Faces."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import bpy
 
@@ -22,22 +24,26 @@ from .refusals import LINKED, hidden_fault, name_fault, refuse, still_there
 from .scene_objects import edit_mode_left
 
 
+@dataclass(frozen=True)
+class Made:
+    """The results by the objects they were made for, their meshes, and notes for the user."""
+
+    placed: dict[bpy.types.Object, bpy.types.Object]
+    meshes: list[NewMesh]
+    notes: list[str]
+
+
 class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):
     """An operator that makes adaptive meshes or counts their faces."""
 
-    # The number of faces to be made, if counted before.
-    counted: int | None = None
-
-    def read(
+    def know(
         self, context: bpy.types.Context, objects: Sequence[bpy.types.Object], sources: Sequence[bpy.types.Object]
-    ) -> Steps[list[AdaptiveTask]]:
-        """Read the sources in Object Mode, to make meshes for the objects; the run ends when one of these is deleted.
-        Raises ComputeError."""
-        # The evaluation for reading looks like a change of the objects.
-        counted = known.known_count(objects, self.settings())
-        self.counted = None if counted is None else counted.faces
+    ) -> int | None:
+        """Let the run end when one of these is deleted; returns the number of faces to be made, if counted before. The
+        evaluation for reading looks like a change of the objects."""
         self.end_without(context, [*objects, *sources])
-        return (yield from prepare_adaptive(context, sources, self.settings(), objects))
+        counted = known.known_count(objects, self.settings())
+        return None if counted is None else counted.faces
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         settings = self.settings()
@@ -61,41 +67,17 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         way: Way,
     ) -> Steps[set[str]]:
         """Make the meshes of sources for objects, and place them in a way. Raises ComputeError."""
-        settings, is_editing = self.settings(), context.mode == "EDIT_MESH"
-        # The shading angle is about the stored normals.
-        exact_normals = self.exact_normals or self.shading_angle > 0
-        with edit_mode_left(context) as edited:
-            tasks = yield from self.read(context, objects, sources)
-            notes = [note for task in tasks for note in _notes(task, self.use_modifiers, exact_normals)]
-            answers = yield Work(partial(subdivide, tasks, settings), self._progress_text, self.counted)
-            if self.reduce:
-                reducer = Reducer(context, settings, exact_normals=exact_normals)
-                made = yield from reducer.make(answers)
-                notes += reducer.notes
-            else:
-                made = yield from make_meshes(context, answers, settings, exact_normals=exact_normals)
-            names = properties.Settings.of(self, result_record.SETTINGS)
-            placed, more = place(context, made, names, way)
-            if is_editing and way is beside:
-                edited[:] = [each.session_uid for each in placed]
+        counted = self.know(context, objects, sources)
+        made = yield from make_and_place(context, objects, sources, self, self.settings(), way, counted)
         if way is not in_results:
             self.report_skipped(context)
-        self._report_made(made, notes + more, placed)
+        self._report_made(made)
         return {"FINISHED"}
 
-    def _progress_text(self, faces: float) -> str:
-        of_all = "faces so far" if self.counted is None else f"of {self.counted:,} faces"
-        return f"Subdividing: {faces:,.0f} {of_all}"
-
-    def making_fault(self, blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:
-        """The reason why the object cannot have a mesh made from the source, or None."""
-        if self.reduce and has_own_keys(source, use_modifiers=self.use_modifiers):
-            return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
-        return result_fault(blender_object, source)
-
-    def _report_made(self, made: list[NewMesh], notes: list[str], objects: list[bpy.types.Object]) -> None:
-        """Report the meshes made for these objects."""
-        faces = count_text(sum(len(each.depths) for each in made), "face", "faces")
+    def _report_made(self, made: Made) -> None:
+        """Report the meshes that were made."""
+        objects = [*made.placed.values()]
+        faces = count_text(sum(len(each.depths) for each in made.meshes), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
         # A result cleared before it was made anew has no record.
         proved = [each.data.ccdepth for each in objects if each.data.ccdepth.has_result]
@@ -104,11 +86,65 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
             largest, tolerance = max((record.largest_bound, record.world_tolerance) for record in proved)
             text += f", largest distance {bound_texts(bpy.context.scene, largest, tolerance)[0]}"
         if self.reduce:
-            text += f"; without Reduce {sum(triangle_count(each.answer) for each in made):,} triangles"
+            text += f"; without Reduce {sum(triangle_count(each.answer) for each in made.meshes):,} triangles"
         self.report({"INFO"}, text)
         # Blender's status bar shows the last report alone.
-        for note in notes:
+        for note in made.notes:
             self.report({"WARNING"}, printable(note))
+
+
+def make_and_place(
+    context: bpy.types.Context,
+    objects: Sequence[bpy.types.Object],
+    sources: Sequence[bpy.types.Object],
+    holder: Any,
+    settings: AdaptiveSettings,
+    way: Way,
+    counted: int | None = None,
+) -> Steps[Made]:
+    """Make the meshes of sources for objects, and place them in a way. holder: of further settings, an operator or a
+    scene's. counted: the number of faces, if known. Raises ComputeError."""
+    is_editing = context.mode == "EDIT_MESH"
+    with edit_mode_left(context) as edited:
+        tasks = yield from prepare_adaptive(context, sources, settings, objects)
+        meshes, notes = yield from make_unplaced(context, tasks, holder, settings, counted)
+        names = properties.Settings.of(holder, result_record.SETTINGS)
+        placed, more = place(context, meshes, names, way)
+        if is_editing and way is beside:
+            edited[:] = [each.session_uid for each in placed.values()]
+    return Made(placed, meshes, notes + more)
+
+
+def make_unplaced(
+    context: bpy.types.Context,
+    tasks: list[AdaptiveTask],
+    holder: Any,
+    settings: AdaptiveSettings,
+    counted: int | None = None,
+) -> Steps[tuple[list[NewMesh], list[str]]]:
+    """Make the meshes of tasks, in Object Mode, which no object uses yet; returns them, and notes for the user. holder,
+    counted: as of ``make_and_place``. Raises ComputeError."""
+
+    def text(faces: float) -> str:
+        of_all = "faces so far" if counted is None else f"of {counted:,} faces"
+        return f"Subdividing: {faces:,.0f} {of_all}"
+
+    # The shading angle is about the stored normals.
+    exact_normals = holder.exact_normals or settings.shading_angle > 0
+    notes = [note for task in tasks for note in _notes(task, settings.use_modifiers, exact_normals)]
+    answers = yield Work(partial(subdivide, tasks, settings), text, counted)
+    if not holder.reduce:
+        return (yield from make_meshes(context, answers, settings, exact_normals=exact_normals)), notes
+    reducer = Reducer(context, settings, exact_normals=exact_normals)
+    meshes = yield from reducer.make(answers)
+    return meshes, notes + reducer.notes
+
+
+def making_fault(blender_object: bpy.types.Object, source: bpy.types.Object, holder: Any) -> str | None:
+    """The reason why the object cannot have a mesh made from the source with the holder's settings, or None."""
+    if holder.reduce and has_own_keys(source, use_modifiers=holder.use_modifiers):
+        return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
+    return result_fault(blender_object, source)
 
 
 def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:
@@ -142,28 +178,37 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = chosen(context)
-        refuse(objects, self._fault)
-        status = yield from self.make(context, objects, objects, instead if self.output == "IN_PLACE" else beside)
+        way = way_to_place(objects, self)
+        status = yield from self.make(context, objects, objects, way)
         heat_map.show(context, Shown.DISTANCE)
         return status
 
-    def _fault(self, blender_object: bpy.types.Object) -> str | None:
-        if not self.subdivide_results and result_record.is_adaptive(blender_object):
-            return _result_fault(blender_object)
-        if self.output == "IN_PLACE" and (fault := self._replacing_fault(blender_object)):
-            return fault
-        return hidden_fault(blender_object) or self.making_fault(blender_object, blender_object)
 
-    def _replacing_fault(self, blender_object: bpy.types.Object) -> str | None:
-        """The reason why the object's mesh cannot be replaced, or None."""
-        if blender_object.override_library is not None:
-            return "the object is a library override; choose New Object, or make it local first"
-        if left_out_sculpting(blender_object, use_modifiers=self.use_modifiers):
-            return (
-                "the sculpting of its Multiresolution modifier would be lost; turn Include Modifiers on and show the "
-                "modifier, or choose New Object"
-            )
-        return None
+def way_to_place(objects: list[bpy.types.Object], holder: Any) -> Way:
+    """The way to place the meshes made of objects, by the settings of an operator or a scene. Raises ComputeError,
+    naming every object that cannot have one."""
+    refuse(objects, lambda each: _fault(each, holder))
+    return instead if holder.output == "IN_PLACE" else beside
+
+
+def _fault(blender_object: bpy.types.Object, holder: Any) -> str | None:
+    if not holder.subdivide_results and result_record.is_adaptive(blender_object):
+        return _result_fault(blender_object)
+    if holder.output == "IN_PLACE" and (fault := _replacing_fault(blender_object, holder)):
+        return fault
+    return hidden_fault(blender_object) or making_fault(blender_object, blender_object, holder)
+
+
+def _replacing_fault(blender_object: bpy.types.Object, holder: Any) -> str | None:
+    """The reason why the object's mesh cannot be replaced, or None."""
+    if blender_object.override_library is not None:
+        return "the object is a library override; choose New Object, or make it local first"
+    if left_out_sculpting(blender_object, use_modifiers=holder.use_modifiers):
+        return (
+            "the sculpting of its Multiresolution modifier would be lost; turn Include Modifiers on and show the "
+            "modifier, or choose New Object"
+        )
+    return None
 
 
 def _result_fault(blender_object: bpy.types.Object) -> str:

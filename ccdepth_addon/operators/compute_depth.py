@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compute Depth."""
 
+from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import bpy
 
@@ -27,27 +29,15 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = chosen(context)
-        refuse_what_cannot_be_written(objects)
         self.end_without(context, objects)
-        frames = chosen_frames(context.scene, self.frames, self.frame_list)
-        settings = DepthSettings.of(self, self.tolerance, frames=frames)
-        if self.frames == "CUSTOM":
-            typed_frames(settings.frames)
-        work = yield from prepare_depths(context, objects, settings)
-        answers = yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0)
-        holders = [still_there(each.task.holders, each.task.face_count)[0] for each in answers]
-        out_of_date.write_depths(holders, answers, settings)
-        heat_map.show(context, Shown.DEPTH)
+        answers = yield from depths_computed(context, objects, self, self.tolerance)
         self._report(context, answers)
         return {"FINISHED"}
 
     def _report(self, context: bpy.types.Context, answers: list[MeshDepths]) -> None:
         self.report_skipped(context)
-        for answer in answers:
-            for note in _modifier_notes(answer):
-                self.report({"WARNING"}, f"{printable(answer.task.holders[0].name)}: {note}")
-            for note in _quality_notes(answer):
-                self.report({"WARNING"}, printable(note))
+        for note in depth_notes(answers):
+            self.report({"WARNING"}, printable(note))
         faces = count_text(sum(len(answer.depths) for answer in answers), "face", "faces")
         meshes = f"{len(answers)} meshes, " if len(answers) > 1 else ""
         worst = max(answers, key=lambda answer: answer.deepest)
@@ -55,6 +45,32 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
         left = sum(int(answer.might_need_less.sum()) for answer in answers)
         less = f"; {count_text(left, 'face', 'faces')} might need less: Effort Full" if left else ""
         self.report({"INFO"}, f"{meshes}{faces}, deepest depth {worst.deepest}{at_frame}{less}")
+
+
+def depths_computed(
+    context: bpy.types.Context, objects: list[bpy.types.Object], holder: Any, tolerance: float
+) -> Steps[list[MeshDepths]]:
+    """Compute the depths of objects, and write them. holder: of the settings, an operator or a scene's. Raises
+    ComputeError."""
+    refuse_what_cannot_be_written(objects)
+    frames = chosen_frames(context.scene, holder.frames, holder.frame_list)
+    settings = DepthSettings.of(holder, tolerance, frames=frames)
+    if holder.frames == "CUSTOM":
+        typed_frames(settings.frames)
+    work = yield from prepare_depths(context, objects, settings)
+    answers: list[MeshDepths]
+    answers = yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0)
+    holders = [still_there(each.task.holders, each.task.face_count)[0] for each in answers]
+    out_of_date.write_depths(holders, answers, settings)
+    heat_map.show(context, Shown.DEPTH)
+    return answers
+
+
+def depth_notes(answers: list[MeshDepths]) -> Iterator[str]:
+    """Notes on modifiers with an outcome that would surprise a user."""
+    for answer in answers:
+        yield from (f"{answer.task.holders[0].name}: {note}" for note in _modifier_notes(answer))
+        yield from _quality_notes(answer)
 
 
 def _modifier_notes(answer: MeshDepths) -> list[str]:

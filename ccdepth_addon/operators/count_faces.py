@@ -8,8 +8,8 @@ import bpy
 
 from ..state import known, properties, result_record
 from ..state.chosen import chosen
-from ..tasks.adaptive_meshes import FaceCount, best_tolerance, count_results, too_many_text
-from ..tasks.adaptive_task import AdaptiveTask
+from ..tasks.adaptive_meshes import FaceCount, Fit, best_tolerance, count_results, too_many_text
+from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.surfaces import ComputeError
 from ..ui.lengths import count_text, printable
 from .adaptive_operator import AdaptiveOperator, result_fault
@@ -21,17 +21,30 @@ from .scene_objects import edit_mode_left
 class CountingOperator(AdaptiveOperator):
     """An operator that predicts adaptive meshes, and makes none."""
 
+    # The number of faces to be made, if counted before.
+    counted: int | None = None
+
     def read_chosen(self, context: bpy.types.Context) -> Steps[list[AdaptiveTask]]:
         """Read the objects, or for results the sources of Update Result; returns the tasks. Raises ComputeError."""
         objects = chosen(context)
         sources = [result_record.control_object(each) for each in objects]
-        faults = {
-            each: hidden_fault(each) or result_fault(each, source)
-            for each, source in zip(objects, sources, strict=True)
-        }
-        refuse(objects, faults.get)
-        with edit_mode_left(context):
-            return (yield from self.read(context, objects, sources))
+        self.counted = self.know(context, objects, sources)
+        return (yield from read_to_count(context, objects, sources, self.settings()))
+
+
+def read_to_count(
+    context: bpy.types.Context,
+    objects: list[bpy.types.Object],
+    sources: list[bpy.types.Object],
+    settings: AdaptiveSettings,
+) -> Steps[list[AdaptiveTask]]:
+    """Read the sources of results of the objects; returns the tasks. Raises ComputeError."""
+    faults = {
+        each: hidden_fault(each) or result_fault(each, source) for each, source in zip(objects, sources, strict=True)
+    }
+    refuse(objects, faults.get)
+    with edit_mode_left(context):
+        return (yield from prepare_adaptive(context, sources, settings, objects))
 
 
 class CCDEPTH_OT_count_faces(CountingOperator):
@@ -61,20 +74,32 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
     bl_label = "Find Tolerance"
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        if self.face_budget > self.max_faces:
-            raise ComputeError(f"The Face Limit is {self.max_faces:,}; raise it first")
         tasks = yield from self.read_chosen(context)
-        work = partial(best_tolerance, tasks, self.settings(), self.face_budget)
-        fit = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, self.counted)
-        if fit is None:
-            raise ComputeError(f"Even undivided there would be more than {self.face_budget:,} faces")
-        context.scene.ccdepth.tolerance_mode = self.tolerance_mode
-        properties.set_scene_tolerance(context.scene.ccdepth, fit.tolerance)
-        for name in ("shading_angle", "facet_angle"):
-            setattr(context.scene.ccdepth, name, getattr(fit.settings, name))
-        counts = [FaceCount(faces) for faces in fit.counts]
-        known.remember_count(context, tasks, fit.settings, counts)
+        fit = yield from tolerance_found(context, tasks, self.settings(), self.face_budget, self.counted)
         unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
         self.report({"INFO"}, text)
         return {"FINISHED"}
+
+
+def tolerance_found(
+    context: bpy.types.Context,
+    tasks: list[AdaptiveTask],
+    settings: AdaptiveSettings,
+    face_budget: int,
+    counted: int | None = None,
+) -> Steps[Fit]:
+    """Set the scene's tolerance and angles to the best ones for a number of faces. Raises ComputeError."""
+    if face_budget > settings.max_faces:
+        raise ComputeError(f"The Face Limit is {settings.max_faces:,}; raise it first")
+    work = partial(best_tolerance, tasks, settings, face_budget)
+    fit: Fit | None = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, counted)
+    if fit is None:
+        raise ComputeError(f"Even undivided there would be more than {face_budget:,} faces")
+    holder = context.scene.ccdepth
+    holder.tolerance_mode = settings.tolerance_mode
+    properties.set_scene_tolerance(holder, fit.tolerance)
+    for name in ("shading_angle", "facet_angle"):
+        setattr(holder, name, getattr(fit.settings, name))
+    known.remember_count(context, tasks, fit.settings, [FaceCount(faces) for faces in fit.counts])
+    return fit

@@ -35,33 +35,47 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         wanted = to_measure(context)
-        objects = [each for group in wanted.values() for each in group]
-        refuse_what_cannot_be_written(objects)
-        self.end_without(context, [*wanted, *objects])
-        settings = MeasureSettings.of(self, self.tolerance)
-        tasks = [prepare_measurement(context, group, target, settings) for target, group in wanted.items()]
-        states = {
-            each.session_uid: still_holds.measured_state(each, target, use_modifiers=settings.use_modifiers)
-            for target, group in wanted.items()
-            for each in group
-        }
-        answers: list[MeshDeviation] = []
-        for task in tasks:
-            with naming(task.surface.object_name):
-                answers += yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
-        measured = {}
-        for each in answers:
-            [target], [holder, *_] = still_there([each.against]), still_there(each.holders, len(each.deviations))
-            measured[holder] = target
-        out_of_date.write_deviations(measured, answers, settings, states)
-        heat_map.show(context, Shown.DEVIATION)
+        self.end_without(context, [each for target, group in wanted.items() for each in (target, *group)])
+        answers = yield from deviations_measured(context, wanted, MeasureSettings.of(self, self.tolerance))
         self.report_skipped(context)
         for each in answers:
             name = "" if len(answers) == 1 else f"{printable(each.measured)}: "
-            if each.verdict is Verdict.UNDECIDED or not each.accuracy_met:
-                self.report({"WARNING"}, f"{name}the distances are those proved so far; {ENDED[each.out_of_time]}")
+            for note in deviation_notes([each]):
+                self.report({"WARNING"}, f"{name}{note}")
             self.report({"INFO"}, f"{name}{_text(context.scene, each)}")
         return {"FINISHED"}
+
+
+def deviations_measured(
+    context: bpy.types.Context,
+    wanted: dict[bpy.types.Object, list[bpy.types.Object]],
+    settings: MeasureSettings,
+) -> Steps[list[MeshDeviation]]:
+    """Measure objects, by the object with the limit surface, and write their deviations. Raises ComputeError."""
+    refuse_what_cannot_be_written([each for group in wanted.values() for each in group])
+    tasks = [prepare_measurement(context, group, target, settings) for target, group in wanted.items()]
+    states = {
+        each.session_uid: still_holds.measured_state(each, target, use_modifiers=settings.use_modifiers)
+        for target, group in wanted.items()
+        for each in group
+    }
+    answers: list[MeshDeviation] = []
+    for task in tasks:
+        with naming(task.surface.object_name):
+            answers += yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0)
+    measured = {}
+    for each in answers:
+        [target], [holder, *_] = still_there([each.against]), still_there(each.holders, len(each.deviations))
+        measured[holder] = target
+    out_of_date.write_deviations(measured, answers, settings, states)
+    heat_map.show(context, Shown.DEVIATION)
+    return answers
+
+
+def deviation_notes(answers: list[MeshDeviation]) -> list[str]:
+    """Notes on measurements that ended early."""
+    early = [each for each in answers if each.verdict is Verdict.UNDECIDED or not each.accuracy_met]
+    return [f"the distances are those proved so far; {ENDED[each.out_of_time]}" for each in early]
 
 
 def _text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from math import inf
 from time import perf_counter
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import bpy
 
@@ -120,6 +120,13 @@ class Job(Generic[Answer]):
         if self._thread is not None:
             self._thread.is_wanted = False
         self._steps.close()
+
+
+def answer_of(steps: Steps[Answer]) -> Answer:
+    """The answer of steps, run at once. Raises their errors."""
+    job = Job(steps)
+    job.run()
+    return cast(Answer, job.answer)
 
 
 class _Thread(threading.Thread):

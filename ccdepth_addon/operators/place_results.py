@@ -95,14 +95,15 @@ Way = Callable[[bpy.types.Context, list[Placement], bool, ExitStack], list[str]]
 
 def place(
     context: bpy.types.Context, made: list[NewMesh], settings: Settings, way: Way
-) -> tuple[list[bpy.types.Object], list[str]]:
+) -> tuple[dict[bpy.types.Object, bpy.types.Object], list[str]]:
     """Place the meshes in one of the ways of this file, all or none, with their records.
 
-    Returns the objects with results, and notes for the user. Raises ComputeError, with nothing changed and the meshes
-    removed, if an object has changed.
+    Returns the objects with results by the objects they were made for, and notes for the user. Raises ComputeError,
+    with nothing changed and the meshes removed, if an object has changed.
     """
     with removed_on_failure([each.mesh_uid for each in made]) as uids:
         places = [Placement.of(*pair) for pair in zip(made, meshes_with(uids), strict=True)]
+        wanted = [user for each in places for user in each.users]
         # Objects of ours that come into the scene are no change of the sources.
         with paused(context), ExitStack() as undo:
             notes = way(context, places, settings.values["use_modifiers"], undo)
@@ -119,7 +120,7 @@ def place(
                 result_record.forget(user)
             else:
                 out_of_date.remember_made(user, source, settings, each.materials, checksum)
-    return [user for each in places for user in each.users], notes
+    return dict(zip(wanted, (user for each in places for user in each.users), strict=True)), notes
 
 
 def _states(place: Placement) -> list[ObjectState]:

@@ -33,17 +33,23 @@ class CCDEPTH_OT_set_levels(QuickOperator):
         return None
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        objects, settings = chosen(context), context.scene.ccdepth
-        stale = set(out_of_date.out_of_date(context, objects))
-        refuse(objects, lambda obj: _levels_fault(obj, obj in stale, settings))
-        for blender_object in objects:
-            _set_levels(blender_object)
+        objects = chosen(context)
+        note = levels_set(context, objects)
         levels = ", ".join(sorted({str(obj.data.ccdepth.uniform_level) for obj in objects}))
         self.report({"INFO"}, f"{count_text(len(objects), 'object', 'objects')}, level {levels}")
         # Blender's status bar shows the last report alone.
-        if note := simplify_note(context.scene, max(each.data.ccdepth.uniform_level for each in objects)):
+        if note:
             self.report({"WARNING"}, note)
         return {"FINISHED"}
+
+
+def levels_set(context: bpy.types.Context, objects: list[bpy.types.Object]) -> str | None:
+    """Set the levels of objects with depths; returns a note for the user. Raises ComputeError, with nothing changed."""
+    stale, settings = set(out_of_date.out_of_date(context, objects)), context.scene.ccdepth
+    refuse(objects, lambda obj: _levels_fault(obj, obj in stale, settings))
+    for blender_object in objects:
+        _set_levels(blender_object)
+    return simplify_note(context.scene, max(each.data.ccdepth.uniform_level for each in objects))
 
 
 def simplify_note(scene: bpy.types.Scene, level: int) -> str | None:

@@ -13,7 +13,7 @@ from ..state.chosen import chosen
 from ..state.properties import Settings
 from ..tasks.surfaces import NOT_PLACED, ComputeError
 from ..ui.lengths import printable_lines
-from .adaptive_operator import MakingOperator
+from .adaptive_operator import MakingOperator, making_fault
 from .mesh_operators import NAVIGATION_EVENTS, Steps
 from .place_results import in_results
 from .refusals import LINKED, refuse
@@ -43,7 +43,7 @@ class UpdatingOperator(MakingOperator):
         if sculpted(result):
             return "the sculpting of its Multiresolution modifier would be lost; apply or remove the modifier first"
         source = result_record.control_object(result)
-        return _source_fault(result, together, self.use_modifiers) or self.making_fault(result, source)
+        return _source_fault(result, together, self.use_modifiers) or making_fault(result, source, self)
 
 
 class CCDEPTH_OT_update(UpdatingOperator):

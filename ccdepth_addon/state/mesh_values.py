@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -34,6 +34,25 @@ from ..tasks.surfaces import SurfaceSettings, naming
 
 # The fields of the record about angles.
 ANGLE_FIELDS = ("shading_angle", "facet_angle", "largest_shading_angle", "largest_facet_angle", "narrow_leaves")
+
+
+class AdaptiveFacts(NamedTuple):
+    """The facts of an adaptive mesh from its record. tolerance, proved: lengths in the scene. shading, facets: the
+    largest angles proved, in radians; None without such angles."""
+
+    faces: int
+    deepest: int
+    tolerance: float
+    proved: float
+    shading: float | None
+    facets: float | None
+
+    @classmethod
+    def of(cls, mesh: bpy.types.Mesh) -> AdaptiveFacts:
+        record = mesh.ccdepth
+        shading = record.largest_shading_angle if record.shading_angle else None
+        facets = record.largest_facet_angle if record.facet_angle else None
+        return cls(record.faces, record.deepest, record.world_tolerance, record.largest_bound, shading, facets)
 
 
 def has_depths(mesh: bpy.types.Mesh) -> bool:

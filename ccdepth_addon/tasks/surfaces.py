@@ -132,6 +132,11 @@ def shortest_decimal(value: float) -> float:
     return float(str(np.float32(value)))
 
 
+def scene_unit(scene: bpy.types.Scene) -> float:
+    """The length of the scene's unit in metres."""
+    return shortest_decimal(scene.unit_settings.scale_length)
+
+
 def refuse_bad_tolerance(tolerance: float) -> None:
     """Raise ComputeError unless the tolerance is a finite number greater than zero."""
     if not np.isfinite(tolerance):

@@ -39,6 +39,7 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             # At the same place as with the result shown, so that the mouse stays.
             layout.operator("ccdepth.before_after", icon="LOOP_FORWARDS")
             layout.operator("ccdepth.update", icon="FILE_REFRESH")
+        layout.operator("ccdepth.export_within", icon="EXPORT")
         _draw_face_count(layout, context)
         budget = layout.column(align=True)
         # What Reduce saves is known once it has run.

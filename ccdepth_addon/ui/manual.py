@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The manual that comes with the extension, with its entries for Blender's Online Manual; and the CC Depth menu in the
-menus Object and Mesh, by which Blender's search finds the operators."""
+menus Object and Mesh, by which Blender's search finds the operators, and the entry of File › Export."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ OPERATORS = (
     ("compute-depth", "compute select set_levels clear"),
     ("heat-map-and-legend", "bake_colors"),
     ("results", "update before_after"),
+    ("export-within-tolerance", "export_within"),
     ("tolerance", "tolerance_preset_add"),
     ("install", "open_manual"),
     ("adaptive-subdivision", "*"),
@@ -69,6 +70,7 @@ ENTRIES = (
     ("ccdepth.update", "FILE_REFRESH"),
     ("ccdepth.before_after", "FILE_PARENT"),
     ("ccdepth.remove_normals", "NORMALS_VERTEX_FACE"),
+    ("ccdepth.export_within", "EXPORT"),
     None,
     ("ccdepth.measure", "DRIVER_DISTANCE"),
     None,
@@ -100,15 +102,21 @@ def _draw_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.menu(CCDEPTH_MT_menu.bl_idname)
 
 
+def _draw_export(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.operator("ccdepth.export_within", text="Within Tolerance, by CC Depth (.stl, .obj, .ply, .glb, .usd)")
+
+
 def register() -> None:
     bpy.utils.register_class(CCDEPTH_AP_preferences)
     bpy.utils.register_manual_map(manual_map)
     bpy.utils.register_class(CCDEPTH_MT_menu)
     bpy.types.VIEW3D_MT_object.append(_draw_menu)
     bpy.types.VIEW3D_MT_edit_mesh.append(_draw_menu)
+    bpy.types.TOPBAR_MT_file_export.append(_draw_export)
 
 
 def unregister() -> None:
+    bpy.types.TOPBAR_MT_file_export.remove(_draw_export)
     bpy.types.VIEW3D_MT_edit_mesh.remove(_draw_menu)
     bpy.types.VIEW3D_MT_object.remove(_draw_menu)
     bpy.utils.unregister_class(CCDEPTH_MT_menu)

@@ -52,7 +52,7 @@ def program() -> list[str]:
 
 def writable(suffix: str) -> bool:
     """Whether this Blender can write such files."""
-    calls, files = addon.module("command_line.blender_calls"), addon.module("command_line.mesh_files")
+    calls, files = addon.module("exchange.blender_calls"), addon.module("exchange.mesh_files")
     return suffix == ".blend" or calls.available(files.WRITERS[suffix]) is not None
 
 

@@ -20,7 +20,7 @@ from tests.blender import addon
 from tests.blender.runs import Capture, few_samples, program, run, said, save, save_cubes
 from tests.blender.test_command_line import example_command
 
-whole_files = addon.module("command_line.whole_files")
+whole_files = addon.module("exchange.whole_files")
 
 
 # Less than any file has that is written.
@@ -104,7 +104,7 @@ def test_a_full_disk_is_told_whatever_was_made_of_it(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
     """A file that was cut off cannot be read back, or holds less; here all but its first line is lost."""
-    mesh_files, one_file = addon.module("command_line.mesh_files"), addon.module("command_line.one_file")
+    mesh_files, one_file = addon.module("exchange.mesh_files"), addon.module("command_line.one_file")
 
     def cut_off(*arguments: object) -> None:
         mesh_files.write_meshes(*arguments)
@@ -128,7 +128,7 @@ def test_a_blend_file_that_is_cut_off_is_recognised(tmp_path: Path, is_compresse
     bpy.ops.mesh.primitive_monkey_add()
     name, path = bpy.context.object.name, tmp_path / "cut.blend"
     content = save(path, compress=is_compressed).read_bytes()
-    check = addon.module("command_line.mesh_files").check_blend
+    check = addon.module("exchange.mesh_files").check_blend
     check(path, [name])
     assert not bpy.data.libraries
     with pytest.raises(Exception, match="it cannot be read back; is the disk full"):

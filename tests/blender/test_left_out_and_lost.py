@@ -248,8 +248,8 @@ def test_scripts_run_where_blender_was_started_so_in_all_that_a_run_opens(
         status = subprocess.run([runs.program()[0], "-b", "-y", *runs.program()[2:], *words]).returncode
     else:
         # The bpy module has no options of Blender.
-        monkeypatch.setattr(addon.module("command_line.mesh_files"), "scripts_allowed", lambda: True)
-        monkeypatch.setattr(addon.module("command_line.blender_calls"), "scripts_allowed", lambda: True)
+        monkeypatch.setattr(addon.module("exchange.mesh_files"), "scripts_allowed", lambda: True)
+        monkeypatch.setattr(addon.module("exchange.blender_calls"), "scripts_allowed", lambda: True)
         status = run(*words)
     assert status == 0
     [found] = report_in(tmp_path / "r.json")["files"]
@@ -261,7 +261,7 @@ def test_scripts_run_where_blender_was_started_so_in_all_that_a_run_opens(
 
 
 def test_the_last_option_of_blenders_own_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = addon.module("command_line.blender_calls")
+    module = addon.module("exchange.blender_calls")
     monkeypatch.setattr(module.bpy, "app", type("App", (), {"binary_path": "blender"}))
     allowing = ("-y", "--enable-autoexec", "-Y -y", "-y --command ccdepth -Y")
     for options in (*allowing, "", "-y -b -Y", "--command ccdepth -y", "-- -y"):

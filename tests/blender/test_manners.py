@@ -26,7 +26,10 @@ def test_no_operator_that_can_take_long_is_run_again_by_adjust_last_operation() 
     options = {name: kind.bl_options for name, kind in found.items() if issubclass(kind, long)}
     assert len(options) > 5
     assert not [name for name, each in options.items() if "REGISTER" in each]
-    assert [name for name, each in options.items() if "UNDO" not in each] == ["CCDEPTH_OT_count_faces"]
+    assert [name for name, each in options.items() if "UNDO" not in each] == [
+        "CCDEPTH_OT_count_faces",
+        "CCDEPTH_OT_export_within",
+    ]
 
 
 def test_other_shortcuts_than_save_do_not_save() -> None:
@@ -134,6 +137,7 @@ def test_it_is_undone_and_redone(case: str) -> None:
 def test_every_operator_is_in_the_table() -> None:
     """But those that change nothing of the file's, or only settings and presets, and what runs by itself."""
     others = {"copy_value", "count_faces", "open_manual", "tolerance_preset_add", "update_kept", "use_tolerance"}
+    others.add("export_within")
     assert {operator for _, operator, _ in CASES.values()} == set(dir(bpy.ops.ccdepth)) - others
 
 

@@ -227,7 +227,7 @@ def test_what_is_told_of_a_file_is_in_order(tmp_path: Path, jobs: list[str]) -> 
 # Blender's importer included. Nothing of ours ends in a traceback, and what is said to be met is proved once more.
 
 
-blender_calls = addon.module("command_line.blender_calls")
+blender_calls = addon.module("exchange.blender_calls")
 
 # Of each format, in parts that are short enough for a slice.
 COUNT, PARTS = 200, 5

@@ -51,6 +51,9 @@ COLOR_TOLERANCE = 7
 # How far colours of faces may be off, which are lit, and encoded by the graphics card.
 TRUE_COLOR_TOLERANCE = 5
 
+# A place in the window of the file browser.
+FILE_BROWSER = (600, 250)
+
 # How high the status bar is, and how wide what it tells of a run may be.
 STATUS_BAR, STATUS_WIDTH = 20, 300
 
@@ -459,6 +462,49 @@ def test_a_file_can_be_saved_while_a_run_goes_on_and_a_deleted_object_ends_it(wi
     assert going_on["running"] == ["CCDEPTH_OT_subdivide"]
     window.ask("state", "deleted")
     window.wait_for(lambda report: not report["running"], SECONDS_TO_BEGIN, "the end of it")
+
+
+def export_by_mouse(window: Window, started: dict[str, Any]) -> None:
+    """Press Export Within Tolerance, and accept the name in the file browser, a window of its own."""
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.export_within", press=True)
+    window.wait_for(lambda report: report["running"] == ["CCDEPTH_OT_export_within"], SECONDS_TO_ANSWER, "file browser")
+    time.sleep(SECONDS_TO_BEGIN)
+    # Without a window manager, keys go to the window under the mouse.
+    window.move_mouse(*FILE_BROWSER)
+    time.sleep(0.5)
+    window.press("Return")
+
+
+def test_a_file_is_exported_and_measured_and_the_scene_stays_and_escape_leaves_the_old_file(
+    window: Window, tmp_path: Path
+) -> None:
+    started = find_first(window, "bpy.ops.ccdepth.export_within")
+    saved, path = window.report_path.with_suffix(".blend"), tmp_path / "Suzanne.stl"
+    window.ask("state", "saved")
+    window.wait_for(lambda _: saved.exists(), SECONDS_TO_ANSWER, "the saved file, whose folder is the first choice")
+    export_by_mouse(window, started)
+    window.wait_for(lambda _: path.exists(), SECONDS_TO_ANSWER, "the exported file")
+    ended = window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the end of it")
+    assert ended["objects"] == started["objects"]
+    content = path.read_bytes()
+    triangles = int.from_bytes(content[80:84], "little")
+    assert len(content) == 84 + 50 * triangles
+    told = (tmp_path / "blender.log").read_text(errors="replace")
+    assert f"Suzanne.stl: {triangles:,} triangles, at most " in told
+    assert "m from the surface (measured in the file)" in told
+
+    files = sorted(each.name for each in tmp_path.iterdir() if each.suffix != ".unfinished")
+    window.ask("change", 2e-6)
+    window.wait_for(lambda report: report["tolerance"] < 1e-5, SECONDS_TO_ANSWER, "a finer tolerance")
+    export_by_mouse(window, started)
+    time.sleep(SECONDS_TO_BEGIN)
+    assert window.report()["running"] == ["CCDEPTH_OT_export_within"]
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
+    window.press("Escape")
+    stopped = window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the end of it")
+    assert stopped["objects"] == started["objects"]
+    assert path.read_bytes() == content
+    assert sorted(each.name for each in tmp_path.iterdir() if each.suffix != ".unfinished") == files
 
 
 @pytest.mark.parametrize("window", [{"LAST_FRAME": "2000"}], indirect=True)

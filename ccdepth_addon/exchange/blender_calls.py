@@ -62,6 +62,23 @@ def temporary_data(*kinds: str) -> Iterator[None]:
         bpy.data.batch_remove([item for kind in kinds for item in set(getattr(bpy.data, kind)) - before[kind]])
 
 
+# The name of our command.
+COMMAND = "ccdepth"
+
+
+def own_process() -> list[str]:
+    """The line that runs our command in another process of this Blender; from the background with this Blender's own
+    options. Raises CommandError if this Blender is no program."""
+    if not bpy.app.binary_path:
+        raise CommandError("another Blender is needed, and this one is no program")
+    options = sys.argv[1:]
+    end = next((index for index, option in enumerate(options) if option in ENDS), 0)
+    # The add-on may be on in this session alone.
+    root = __package__.removesuffix(".exchange").removesuffix(".ccdepth_addon")
+    own = options[:end] if bpy.app.background else ["-b", "--addons", root]
+    return [bpy.app.binary_path, *(own or ["-b"]), "--command", COMMAND]
+
+
 # Blender's options before the arguments of other programs, and its options that switch scripts on and off.
 ENDS = ("-c", "--command", "--")
 ON, OFF = ("-y", "--enable-autoexec"), ("-Y", "--disable-autoexec")

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,13 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..exchange.blender_arrays import read_values
-from ..exchange.custom_normals import CarriedNormals
-from ..exchange.data_blocks import as_bmesh
-from ..state import mesh_values
-from ..tasks.surfaces import shortest_decimal
+from .blender_arrays import read_values
 from .blender_calls import CommandError, available, call, known_options, scripts_allowed, temporary_data
+from .custom_normals import CarriedNormals
+from .data_blocks import as_bmesh
+from .displayed_mesh import Triangles
+from .face_values import remove_all
+from .whole_files import UnwrittenError, refuse_existing, written_whole
 
 BLEND = ".blend"
 
@@ -93,8 +95,14 @@ LOST = {
     **dict.fromkeys(USD, ("images that are in no file",)),
 }
 
+# The formats whose reader leaves out repeated triangles, unless their normals differ.
+WITHOUT_REPEATED = {".glb"}
+
 # The formats without normals of their own.
 WITHOUT_NORMALS = {suffix for suffix, names in LOST.items() if "custom normals" in names}
+
+# The loss of an angle in these formats.
+SHADING_LOST = "the shading angle (the format has no normals)"
 
 # The lines of an .mtl file that name a file in another folder, up to this name.
 NAMED_FILE = re.compile(rb"^((?:map_|refl|norm|bump|disp)(?:.* )?)\.\./", re.MULTILINE)
@@ -117,11 +125,6 @@ def _has_images_in_no_file(material: bpy.types.Material | None) -> bool:
 
 def names_of(suffixes: Sequence[str]) -> str:
     return f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
-
-
-def scene_unit(scene: bpy.types.Scene) -> float:
-    """The length of the scene's unit in metres."""
-    return shortest_decimal(scene.unit_settings.scale_length)
 
 
 def unit_of(path: Path, unit: float | None) -> float:
@@ -147,6 +150,30 @@ def _operator(path: Path, names: Sequence[str], use: str) -> Any:
     if found is None:
         raise CommandError(f"{path}: this Blender cannot {use} {path.suffix.lower()} files")
     return found
+
+
+def refuse_place(path: Path, overwrite: bool) -> None:
+    """Raise CommandError without a writable folder for a file, and if something there has to stay."""
+    if not path.absolute().parent.is_dir():
+        raise CommandError(f"{path}: there is no folder {path.parent}")
+    if not os.access(path.absolute().parent, os.W_OK):
+        raise CommandError(f"{path}: the folder {path.parent} cannot be written to")
+    try:
+        refuse_existing(path, overwrite, COMPANIONS.get(path.suffix.lower(), ()))
+    except UnwrittenError as fault:
+        raise CommandError(f"{path}: {fault}") from fault
+
+
+@contextmanager
+def written_there(path: Path, overwrite: bool) -> Iterator[Path]:
+    """The path to write the file to; afterwards the whole file is there, or CommandError is raised."""
+    companions = COMPANIONS.get(path.suffix.lower(), ())
+    try:
+        with written_whole(path, companions=companions, overwrite=overwrite) as beside:
+            yield beside
+    except (UnwrittenError, CommandError) as fault:
+        # Blender's own message about a failure need not name the file.
+        raise CommandError(f"{path}: {fault}") from fault
 
 
 def load(path: Path | None, unit: float | None = None) -> None:
@@ -222,15 +249,15 @@ def check_blend(path: Path, names: Sequence[str]) -> None:
         raise CommandError(f"it cannot be read back; {CUT_OFF}")
 
 
-def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -> tuple[str, ...]:
-    """Write the shown meshes of objects, without heat maps, to a file; returns the data that the file does not hold.
-    unit: of the file, in metres. Files beside it are named relative to the folder above, where the file is moved
-    later."""
+def write_meshes(objects: Mapping[str, bpy.types.Object], path: Path, scale: float) -> tuple[str, ...]:
+    """Write the shown meshes of objects under these names, without heat maps, to a file; returns the data that the file
+    does not hold. scale: the unit of the scene in the unit of the file. Files beside it are named relative to the
+    folder above, where the file is moved later."""
     operator, suffix = writer(path), path.suffix.lower()
     options = {"filepath": str(path), "check_existing": False, **WRITING[suffix]}
-    if suffix in COMPANIONS and not any(each.material_slots for each in objects):
+    if suffix in COMPANIONS and not any(each.material_slots for each in objects.values()):
         options["export_materials"] = False
-    with _shown_alone(objects, scene_unit(bpy.context.scene) / unit) as meshes:
+    with _shown_alone(objects, scale) as meshes:
         call(operator, **known_options(operator, options))
         lost = tuple(name for name in LOST.get(suffix, ()) if any(map(HELD[name], meshes)))
     for companion in (path.with_suffix(each) for each in COMPANIONS.get(suffix, ())):
@@ -239,11 +266,20 @@ def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -
     return lost
 
 
+def triangles_in(path: Path, triangles: Triangles) -> int:
+    """The least number of an object's triangles that are read back from a file."""
+    if path.suffix.lower() not in WITHOUT_REPEATED:
+        return len(triangles.corners)
+    _, vertices = np.unique(triangles.positions, axis=0, return_inverse=True)
+    corners = np.sort(vertices.ravel()[triangles.corners], axis=1)
+    return len(np.unique(corners[np.diff(corners, axis=1).all(axis=1)], axis=0))
+
+
 @contextmanager
-def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[list[bpy.types.Mesh]]:
-    """Select only plain copies of the objects' shown meshes, with their names, enlarged by a factor, in a scene of
+def _shown_alone(objects: Mapping[str, bpy.types.Object], scale: float) -> Iterator[list[bpy.types.Mesh]]:
+    """Select only plain copies of the objects' shown meshes, with these names, enlarged by a factor, in a scene of
     metres. Gives the meshes of the copies."""
-    names = [NO_NAME.sub("_", each.name) for each in objects]
+    names = [NO_NAME.sub("_", each) for each in objects]
     layer, unit = bpy.context.view_layer, bpy.context.scene.unit_settings
     with ExitStack() as undo:
         for each in [*bpy.data.objects, *bpy.data.meshes]:
@@ -251,14 +287,14 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
                 undo.callback(setattr, each, "name", each.name)
                 each.name = f"Original {each.name}"
         undo.callback(setattr, layer.objects, "active", layer.objects.active)
-        for each in bpy.context.selected_objects:
-            undo.callback(each.select_set, True)
+        for each in layer.objects:
+            undo.callback(each.select_set, each.select_get())
         undo.enter_context(temporary_data("objects", "meshes"))
         # In a scene of metres no writer changes lengths.
         undo.callback(setattr, unit, "scale_length", unit.scale_length)
         unit.scale_length = 1.0
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        shown = [_shown_copy(each.evaluated_get(depsgraph), depsgraph) for each in objects]
+        shown = [_shown_copy(each.evaluated_get(depsgraph), depsgraph) for each in objects.values()]
         # Selecting may bring the list up to date, which crashes Blender while it is read.
         for each in list(layer.objects):
             each.select_set(False)
@@ -277,7 +313,8 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
 def _shown_copy(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[bpy.types.Mesh, Matrix]:
     """A copy of an object's shown mesh, with the colours of the user, and the object's matrix."""
     mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
-    mesh_values.clear(mesh)
+    remove_all(mesh)
+    mesh.property_unset("ccdepth")
     return mesh, evaluated.matrix_world.copy()
 
 
