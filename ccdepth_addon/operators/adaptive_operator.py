@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apply Adaptive Subdivision, and the common base of this operator, Update Result and Count Faces."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import bpy
 
+from ..exchange.data_blocks import removed_on_failure
 from ..exchange.modifiers import counted_modifiers, has_own_keys, left_out_sculpting
-from ..state import heat_map, known, properties, result_record
+from ..state import heat_map, known, properties, result_record, switch_distances
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.adaptive_meshes import TooManyError, subdivide
-from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
+from ..tasks.adaptive_task import FINEST, AdaptiveSettings, AdaptiveTask, Level, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
 from ..tasks.surfaces import ComputeError
 from ..ui.lengths import bound_texts, count_text, printable
@@ -29,15 +31,19 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
     counted: int | None = None
 
     def read(
-        self, context: bpy.types.Context, objects: Sequence[bpy.types.Object], sources: Sequence[bpy.types.Object]
+        self,
+        context: bpy.types.Context,
+        objects: Sequence[bpy.types.Object],
+        sources: Sequence[bpy.types.Object],
+        settings: AdaptiveSettings,
     ) -> Steps[list[AdaptiveTask]]:
         """Read the sources in Object Mode, to make meshes for the objects; the run ends when one of these is deleted.
         Raises ComputeError."""
         # The evaluation for reading looks like a change of the objects.
-        counted = known.known_count(objects, self.settings())
+        counted = known.known_count(objects, settings)
         self.counted = None if counted is None else counted.faces
         self.end_without(context, [*objects, *sources])
-        return (yield from prepare_adaptive(context, sources, self.settings(), objects))
+        return (yield from prepare_adaptive(context, sources, settings, objects))
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         settings = self.settings()
@@ -50,38 +56,56 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         return AdaptiveSettings.of(self, self.tolerance)
 
 
+# The objects that get meshes, each with its source, by the level of detail.
+Wanted = Mapping[Level, Mapping[bpy.types.Object, bpy.types.Object]]
+
+
 class MakingOperator(properties.MakingProperties, AdaptiveOperator):
     """An operator that makes adaptive meshes."""
 
-    def make(
-        self,
-        context: bpy.types.Context,
-        objects: Sequence[bpy.types.Object],
-        sources: Sequence[bpy.types.Object],
-        way: Way,
-    ) -> Steps[set[str]]:
-        """Make the meshes of sources for objects, and place them in a way. Raises ComputeError."""
-        settings, is_editing = self.settings(), context.mode == "EDIT_MESH"
-        # The shading angle is about the stored normals.
-        exact_normals = self.exact_normals or self.shading_angle > 0
+    def make(self, context: bpy.types.Context, wanted: Wanted, way: Way) -> Steps[set[str]]:
+        """Make all wanted meshes, and place them in a way. Raises ComputeError."""
+        is_editing = context.mode == "EDIT_MESH"
+        made: list[NewMesh] = []
+        notes: list[str] = []
         with edit_mode_left(context) as edited:
-            tasks = yield from self.read(context, objects, sources)
-            notes = [note for task in tasks for note in _notes(task, self.use_modifiers, exact_normals)]
-            answers = yield Work(partial(subdivide, tasks, settings), self._progress_text, self.counted)
-            if self.reduce:
-                reducer = Reducer(context, settings, exact_normals=exact_normals)
-                made = yield from reducer.make(answers)
-                notes += reducer.notes
-            else:
-                made = yield from make_meshes(context, answers, settings, exact_normals=exact_normals)
+            with removed_on_failure([]) as uids:
+                for level, source_of in wanted.items():
+                    found = yield from self._made_at(context, level, source_of, notes)
+                    made += found
+                    uids += [each.mesh_uid for each in found]
             names = properties.Settings.of(self, result_record.SETTINGS)
             placed, more = place(context, made, names, way)
             if is_editing and way is beside:
                 edited[:] = [each.session_uid for each in placed]
+        switch_distances.write(context.scene, placed)
         if way is not in_results:
             self.report_skipped(context)
-        self._report_made(made, notes + more, placed)
+        # Levels of detail have the same notes.
+        self._report_made(made, [*dict.fromkeys(notes + more)], placed)
         return {"FINISHED"}
+
+    def _made_at(
+        self,
+        context: bpy.types.Context,
+        level: Level,
+        source_of: Mapping[bpy.types.Object, bpy.types.Object],
+        notes: list[str],
+    ) -> Steps[list[NewMesh]]:
+        """The meshes of a level of detail for objects, from the source of each; adds notes for the user."""
+        settings = self.settings().at_level(level)
+        # The shading angle is about the stored normals.
+        exact_normals = self.exact_normals or self.shading_angle > 0
+        tasks = yield from self.read(context, [*source_of], [*source_of.values()], settings)
+        notes += [note for task in tasks for note in _notes(task, self.use_modifiers, exact_normals)]
+        answers = yield Work(partial(subdivide, tasks, settings), self._progress_text, self.counted)
+        if self.reduce:
+            reducer = Reducer(context, settings, exact_normals=exact_normals)
+            made = yield from reducer.make(answers)
+            notes += reducer.notes
+        else:
+            made = yield from make_meshes(context, answers, settings, exact_normals=exact_normals)
+        return [replace(each, level=level) for each in made]
 
     def _progress_text(self, faces: float) -> str:
         of_all = "faces so far" if self.counted is None else f"of {self.counted:,} faces"
@@ -143,7 +167,8 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = chosen(context)
         refuse(objects, self._fault)
-        status = yield from self.make(context, objects, objects, instead if self.output == "IN_PLACE" else beside)
+        wanted = {FINEST: {each: each for each in objects}}
+        status = yield from self.make(context, wanted, instead if self.output == "IN_PLACE" else beside)
         heat_map.show(context, Shown.DISTANCE)
         return status
 

@@ -31,7 +31,7 @@ class CountingOperator(AdaptiveOperator):
         }
         refuse(objects, faults.get)
         with edit_mode_left(context):
-            return (yield from self.read(context, objects, sources))
+            return (yield from self.read(context, objects, sources, self.settings()))
 
 
 class CCDEPTH_OT_count_faces(CountingOperator):
