@@ -17,7 +17,7 @@ from mathutils import Matrix
 from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.data_blocks import as_bmesh
-from ..state import mesh_values
+from ..state import mesh_values, switch_distances
 from ..tasks.surfaces import shortest_decimal
 from .blender_calls import CommandError, available, call, known_options, scripts_allowed, temporary_data
 
@@ -43,6 +43,7 @@ WRITERS = {
     ".stl": "wm.stl_export",
     ".glb": "export_scene.gltf",
     **dict.fromkeys(USD[:3], "wm.usd_export"),
+    ".fbx": "export_scene.fbx",
 }
 
 READING: dict[str, dict[str, Any]] = {
@@ -66,8 +67,15 @@ WRITING: dict[str, dict[str, Any]] = {
     # With UV maps vertices would be split, and closed meshes would have a border.
     ".ply": {"export_selected_objects": True, "export_uv": False},
     ".stl": {"export_selected_objects": True},
-    ".glb": {"use_selection": True, "export_format": "GLB", "export_animations": False},
+    ".glb": {"use_selection": True, "export_format": "GLB", "export_animations": False, "export_extras": True},
     **dict.fromkeys(USD[:3], WRITING_USD),
+    ".fbx": {
+        "use_selection": True,
+        "object_types": {"EMPTY", "MESH"},
+        "use_custom_props": True,
+        "bake_anim": False,
+        "path_mode": "RELATIVE",
+    },
 }
 
 # The unit, in metres, of formats without units. Other formats are in metres, or their readers know the unit.
@@ -90,7 +98,7 @@ LOST = {
     ".stl": ("materials", "UV maps", "colours", "custom normals"),
     ".ply": ("materials", "UV maps", "colours of corners", "custom normals"),
     ".obj": ("UV maps but one", "colours of corners", "images that are in no file"),
-    **dict.fromkeys(USD, ("images that are in no file",)),
+    **dict.fromkeys((*USD, ".fbx"), ("images that are in no file",)),
 }
 
 # The formats without normals of their own.
@@ -262,7 +270,8 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
         # Selecting may bring the list up to date, which crashes Blender while it is read.
         for each in list(layer.objects):
             each.select_set(False)
-        for name, (mesh, matrix) in zip(names, shown, strict=True):
+        groups: dict[bpy.types.Object | None, bpy.types.Object] = {}
+        for each, name, (mesh, matrix) in zip(objects, names, shown, strict=True):
             # Some formats take the name of the one, some that of the other.
             mesh.name = name
             copy = bpy.data.objects.new(name, mesh)
@@ -270,8 +279,25 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
             bpy.context.scene.collection.objects.link(copy)
             copy.select_set(True)
             layer.objects.active = copy
+            switch = switch_distances.read(each)
+            if switch is not None:
+                switch.in_units(scale).write(copy)
+                copy.parent = _level_group(each.ccdepth.source, groups)
         layer.update()
         yield [mesh for mesh, _ in shown]
+
+
+def _level_group(
+    source: bpy.types.Object | None, groups: dict[bpy.types.Object | None, bpy.types.Object]
+) -> bpy.types.Object:
+    """The empty above the levels of detail of a source, a LodGroup in FBX files, which engines take for a set of
+    levels. groups: the empties so far."""
+    if source not in groups:
+        group = groups[source] = bpy.data.objects.new("LODs" if source is None else f"{source.name} LODs", None)
+        group["fbx_type"] = "LodGroup"
+        bpy.context.scene.collection.objects.link(group)
+        group.select_set(True)
+    return groups[source]
 
 
 def _shown_copy(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[bpy.types.Mesh, Matrix]:

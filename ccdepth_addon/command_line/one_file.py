@@ -20,8 +20,9 @@ from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import smooth_faces
 from ..exchange.face_values import BOUND_KIND
 from ..exchange.modifiers import shown_vertices
-from ..state import properties
+from ..state import properties, switch_distances
 from ..state.properties import Settings, set_scene_tolerance, setting_names
+from ..tasks.adaptive_task import FINEST, Level
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
 from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortest_decimal
 from ..ui.lengths import printable
@@ -48,6 +49,7 @@ from .mesh_files import (
 from .report import (
     DEPTHS,
     LEVELS,
+    LODS,
     MEASURE,
     SUBDIVIDE,
     Chosen,
@@ -88,12 +90,12 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     settings = bpy.context.scene.ccdepth
     change_settings(settings, options)
     action = action_of(options)
-    lost = _leave_out_shading(settings, objects) if action == SUBDIVIDE and _has_no_normals(output) else ()
+    lost = _leave_out_shading(settings, objects) if action in (SUBDIVIDE, LODS) and _has_no_normals(output) else ()
     if options.faces is not None:
         call_for(objects, bpy.ops.ccdepth.find_tolerance, face_budget=options.faces)
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
-    targets = surfaces_of(objects) if is_checked else []
+    targets = surfaces_of(objects, levels_of(action)) if is_checked else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [made for _, made in outcomes]
     stamped = stamped and replace(stamped, metres_per_unit=unit)
@@ -197,12 +199,24 @@ def measure_settings(time_limit: float | None) -> MeasureSettings:
     return MeasureSettings(**{**settings_of(MEASURE), "time_limit": time_limit or 0.0})
 
 
-def surfaces_of(objects: Sequence[bpy.types.Object]) -> list[MeasureTask]:
-    """The limit surfaces of the objects. Raises CommandError."""
+def levels_of(action: str) -> list[Level]:
+    """The levels of detail that the scene's settings ask an action for."""
+    settings = bpy.context.scene.ccdepth
+    if action != LODS:
+        return [FINEST]
+    return [Level(number, shortest_decimal(settings.step)) for number in range(settings.count)]
+
+
+def surfaces_of(objects: Sequence[bpy.types.Object], levels: Sequence[Level]) -> list[MeasureTask]:
+    """The limit surfaces of the objects, with the tolerance of each level. Raises CommandError."""
+    finest, targets = measure_settings(None), []
     try:
-        return prepare_targets(bpy.context, list(objects), measure_settings(None))
+        for level in levels:
+            settings = replace(finest, tolerance=level.tolerance(finest.tolerance))
+            targets += prepare_targets(bpy.context, list(objects), settings)
     except ComputeError as fault:
         raise CommandError(str(fault)) from fault
+    return targets
 
 
 def _write(
@@ -282,6 +296,13 @@ SETTINGS = {
     SUBDIVIDE: setting_names(
         properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties
     ),
+    LODS: setting_names(
+        properties.ToleranceProperties,
+        properties.DivisionProperties,
+        properties.MakingProperties,
+        properties.LevelProperties,
+        properties.ViewProperties,
+    ),
     MEASURE: setting_names(properties.ToleranceProperties, properties.MeasureProperties),
 }
 
@@ -353,6 +374,27 @@ def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) ->
     ]
 
 
+def _make_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+    before = set(bpy.data.objects)
+    call_for(objects, bpy.ops.ccdepth.lods)
+    made = {(each.ccdepth.level, each.ccdepth.source): each for each in bpy.data.objects if each not in before}
+    pairs = [(each, made[level.number, each]) for level in levels_of(LODS) for each in objects]
+    print_facts([result for _, result in pairs])
+    return [(_level_entry(*pair, settings), pair[1]) for pair in pairs]
+
+
+def _level_entry(source: bpy.types.Object, result: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
+    switch = switch_distances.read(result)
+    assert switch is not None
+    return replace(
+        _adaptive_entry(result, settings),
+        name=source.name,
+        faces=len(source.data.polygons),
+        lod_distance=metres_rounded_up(switch.distance, scene_unit(bpy.context.scene)),
+        lod_screen_size=switch.screen_size,
+    )
+
+
 def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
     record = result.data.ccdepth
     return replace(
@@ -380,4 +422,4 @@ def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> O
     return found
 
 
-ACTIONS = {DEPTHS: _compute_depths, LEVELS: _set_levels, SUBDIVIDE: _subdivide, MEASURE: _measure}
+ACTIONS = {DEPTHS: _compute_depths, LEVELS: _set_levels, SUBDIVIDE: _subdivide, LODS: _make_levels, MEASURE: _measure}

@@ -17,6 +17,7 @@ OPERATORS = (
     ("compute-depth", "compute select set_levels clear"),
     ("heat-map-and-legend", "bake_colors"),
     ("results", "update before_after"),
+    ("levels-of-detail", "lods"),
     ("tolerance", "tolerance_preset_add"),
     ("install", "open_manual"),
     ("adaptive-subdivision", "*"),
@@ -27,6 +28,7 @@ SETTINGS = (
     ("frames", "frame*"),
     ("measure-deviation", "accuracy time_limit"),
     ("heat-map-and-legend", "heat_map* show_* distance_*"),
+    ("levels-of-detail", "count step view_*"),
     ("adaptive-subdivision", "*"),
 )
 SECTIONS = (
@@ -66,6 +68,7 @@ ENTRIES = (
     ("ccdepth.subdivide", "MOD_MULTIRES"),
     ("ccdepth.count_faces", "LINENUMBERS_ON"),
     ("ccdepth.find_tolerance", "VIEWZOOM"),
+    ("ccdepth.lods", "MOD_DECIM"),
     ("ccdepth.update", "FILE_REFRESH"),
     ("ccdepth.before_after", "FILE_PARENT"),
     ("ccdepth.remove_normals", "NORMALS_VERTEX_FACE"),

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Levels of detail: their tolerances and angles, names and places, when to switch to them, and that they fit."""
 
+import csv
+import json
 from math import pi, radians, tan
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -9,6 +12,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
+from tests.blender.runs import run, said
 from tests.blender.subdividing import faces, refuses, shape
 from tests.blender.updating import move_vertex, set_scene, stale_line, update
 
@@ -213,3 +217,57 @@ def test_nothing_is_made_when_a_coarser_level_fails(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(making, "make_meshes", fail_at_the_last)
     refuses("lods", "no more", scene.add_suzanne(), tolerance=0.002, tolerance_mode="ABSOLUTE", count=3)
+
+
+def read(path: Path) -> dict[str, bpy.types.Object]:
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    if path.suffix == ".glb":
+        bpy.ops.import_scene.gltf(filepath=str(path))
+    else:
+        (bpy.ops.wm.fbx_import if hasattr(bpy.types, "WM_OT_fbx_import") else bpy.ops.import_scene.fbx)(
+            filepath=str(path)
+        )
+    return {each.name: each for each in bpy.data.objects}
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".fbx", ".blend"])
+def test_the_command_line_writes_a_set_with_a_certificate(tmp_path: Path, suffix: str) -> None:
+    bpy.context.scene.unit_settings.scale_length = 0.01
+    for name in ("One", "Two"):
+        scene.add_suzanne().name = name
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two.blend"))
+    output, report, table = tmp_path / f"out{suffix}", tmp_path / "report.json", tmp_path / "table.csv"
+    line = ["--lods", "2", "--lod-step", "3", "--tolerance", "1%", "--view-angle", "40", "--view-height", "720"]
+    assert run(tmp_path / "two.blend", *line, "--output", output, "--json", report, "--csv", table) == 0
+    assert run("--verify", report) == 0
+    entries = json.loads(report.read_text(encoding="utf-8"))["files"][0]["objects"]
+    assert [each["result"] for each in entries] == ["One_LOD0", "Two_LOD0", "One_LOD1", "Two_LOD1"]
+    assert entries[2]["tolerance"] == pytest.approx(3 * entries[0]["tolerance"], rel=1e-6)
+    assert all(each["met"] for each in entries)
+    with table.open() as rows:
+        assert [float(row["lod_distance_m"]) for row in csv.DictReader(rows)] == [e["lod_distance"] for e in entries]
+    found = read(output) if suffix != ".blend" else {}
+    for each in entries:
+        assert each["lod_distance"] == pytest.approx(each["proved"] * 720 / (2 * tan(radians(20))), rel=1e-6)
+        if found:
+            holder = found[each["result"]]
+            # The file is in metres, where the scene is in centimetres.
+            assert holder["ccdepth_distance"] == pytest.approx(each["lod_distance"], rel=1e-6)
+            assert holder["ccdepth_error"] == pytest.approx(each["proved"], rel=1e-6)
+            assert holder.parent.name == f"{each['name']} LODs"
+    if suffix == ".fbx":
+        assert output.read_bytes().count(b"LodGroup") >= 2
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (["--lods", "17"], "There can be 1 to 16 levels of detail, not 17"),
+        (["--lods", "2", "--lod-step", "1"], "The step must be more than 1, and at most 1000; it is 1"),
+    ],
+)
+def test_the_command_line_refuses_bad_numbers(
+    tmp_path: Path, line: list[str], message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert message in said(capfd, *line, "--output", tmp_path / "out.glb", status=1)
+    assert not [*tmp_path.iterdir()]
