@@ -12,7 +12,10 @@ from .facts import made_objects
 from .lengths import Rounding, length_text
 from .sidebar import SidebarPanel, settings_column
 
-HEADINGS = ("Level", "Faces", "Distance", "Pixel From", "Size")
+# Significant digits of lengths, for which there is room.
+DIGITS = 2
+
+HEADINGS = ("LOD", "Faces", "Within", "From", "Size")
 
 
 class CCDEPTH_PT_levels(SidebarPanel, bpy.types.Panel):
@@ -38,29 +41,24 @@ class CCDEPTH_PT_levels(SidebarPanel, bpy.types.Panel):
 
 
 def _draw_table(layout: bpy.types.UILayout, scene: bpy.types.Scene, levels: list[bpy.types.Object]) -> None:
-    """A row for each level of detail of a set."""
-    column = layout.box().column(align=True)
-    _draw_row(column, HEADINGS).active = False
-    for each in levels:
-        switch = switch_distances.read(each)
-        if switch is not None:
-            _draw_row(column, switch_texts(scene, each, switch))
+    """A row for each level of detail of a set, and a column for each of its numbers."""
+    rows = [switch_texts(scene, each, switch) for each in levels if (switch := switch_distances.read(each))]
+    table = layout.box().row()
+    for heading, *texts in zip(HEADINGS, *rows, strict=True):
+        column = table.column(align=True)
+        column.alignment = "RIGHT"
+        title = column.row()
+        title.active, title.alignment = False, "RIGHT"
+        title.label(text=heading)
+        for text in texts:
+            column.label(text=text)
 
 
 def switch_texts(scene: bpy.types.Scene, level: bpy.types.Object, switch: Switch) -> tuple[str, ...]:
     """The texts of a row: lengths are rounded up, and the size of the level in the view down, so that they hold."""
-    lengths = (length_text(scene, length, Rounding.UP, 3) for length in (switch.error, switch.distance))
+    lengths = (length_text(scene, length, Rounding.UP, DIGITS) for length in (switch.error, switch.distance))
     size = f"{int(switch.screen_size * 1000) / 10:.1f} %"
     return (str(switch.level), f"{mesh_face_count(level.data):,}", *lengths, size)
-
-
-def _draw_row(layout: bpy.types.UILayout, texts: tuple[str, ...]) -> bpy.types.UILayout:
-    row = layout.row()
-    for text in texts:
-        cell = row.row()
-        cell.alignment = "RIGHT"
-        cell.label(text=text)
-    return row
 
 
 register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_levels,))

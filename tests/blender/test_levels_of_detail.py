@@ -271,3 +271,11 @@ def test_the_command_line_refuses_bad_numbers(
 ) -> None:
     assert message in said(capfd, *line, "--output", tmp_path / "out.glb", status=1)
     assert not [*tmp_path.iterdir()]
+
+
+def test_the_table_rounds_to_the_side_that_holds() -> None:
+    [level] = make_levels(scene.add_object(meshes.cube(), "Cube"), count=1)
+    texts = addon.module("ui.levels_panel").switch_texts
+    switch = distances.Switch(0, 0.00123401, 12.3401, 0.09999)
+    faces_text = f"{faces(level):,}"
+    assert texts(bpy.context.scene, level, switch) == ("0", faces_text, "0.0013 m", "13 m", "9.9 %")
