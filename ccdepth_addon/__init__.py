@@ -21,6 +21,7 @@ MODULES = (
     "ui.tolerances",
     "ui.panels",
     "ui.adaptive_panel",
+    "ui.levels_panel",
     "ui.deviation_panel",
     "command_line.command",
 )

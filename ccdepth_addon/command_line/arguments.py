@@ -14,10 +14,10 @@ from ..state.properties import VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import LEAST, UNITS, angle, face_budget, face_limit, number_from, typed_tolerance, whole_number
-from .report import DEPTHS, LEVELS, MEASURE, SUBDIVIDE, reports_in
+from .report import DEPTHS, LEVELS, LODS, MEASURE, SUBDIVIDE, reports_in
 
 # The actions that make meshes for other formats.
-MAKING = {LEVELS, SUBDIVIDE}
+MAKING = {LEVELS, SUBDIVIDE, LODS}
 
 # The actions on several frames.
 OVER_FRAMES = {DEPTHS, LEVELS}
@@ -136,6 +136,13 @@ def _add_actions(parser: Parser) -> None:
     add("--levels", action="store_true", help="set the level of Subdivision Surface modifiers")
     add("--subdivide", action="store_true", help="make adaptive meshes")
     add(
+        "--lods",
+        dest="count",
+        type=whole_number,
+        metavar="N",
+        help="make levels of detail: adaptive meshes, each coarser than the one before",
+    )
+    add(
         "--measure",
         action="store_true",
         help="measure how far the shown meshes are from their limit surfaces; with --levels or --subdivide, measure "
@@ -172,6 +179,25 @@ def _add_actions(parser: Parser) -> None:
         help="make the fewest triangles that can be proved to be within the tolerance",
     )
     add("--max-faces", type=face_limit, help="the largest number of faces to make")
+    add(
+        "--lod-step",
+        dest="step",
+        type=number_from("greater than zero", LEAST),
+        metavar="FACTOR",
+        help="how many times the tolerance of each level of detail is that of the level before (4)",
+    )
+    add(
+        "--view-angle",
+        type=angle,
+        metavar="DEGREES",
+        help="the vertical field of view that switch distances are for; by default that of the scene's camera, or 50",
+    )
+    add(
+        "--view-height",
+        type=whole_number,
+        metavar="PIXELS",
+        help="the height of the view that switch distances are for; by default that of the scene's render",
+    )
 
 
 def _add_outputs(parser: Parser) -> None:
@@ -228,6 +254,8 @@ def _add_runs(parser: Parser) -> None:
 
 def action_of(options: argparse.Namespace) -> str:
     """The action on each object."""
+    if options.count is not None:
+        return LODS
     if options.subdivide:
         return SUBDIVIDE
     if options.levels:
@@ -264,7 +292,14 @@ def _fault(options: argparse.Namespace, given: set[str]) -> str | None:
         "--pictures is for --json": options.pictures and options.json is None,
         "--objects takes all that follows it for names: put the files before it": swallowed,
         "--file-timeout is for files": options.file_timeout is not None and not options.files,
-        "--levels and --subdivide cannot be used together": options.levels and options.subdivide,
+        "--levels, --subdivide and --lods cannot be used together": (
+            sum((options.levels, options.subdivide, options.count is not None)) > 1
+        ),
+        "--lod-step, --view-angle and --view-height are for --lods": (
+            given & {"step", "view_angle", "view_height"} and action != LODS
+        ),
+        "--lods keeps the objects, so --in-place is not for it": action == LODS and options.output_kind is not None,
+        "--picture is not for --lods, whose meshes are in one place": options.picture and action == LODS,
         "--frames is for depths and --levels": options.frames is not None and action not in OVER_FRAMES,
         "--output and --output-folder cannot be used together": options.output and options.output_folder,
         "--format is for --output-folder": options.format and not options.output_folder,
@@ -284,7 +319,7 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
         return f"{options.output}: its name must end in {names_of(OUTPUTS)}"
     makes = action_of(options) in MAKING
     if suffixes - {BLEND} and not makes:
-        return f"{suffixes.pop()} files hold meshes that are made: use --subdivide or --levels as well"
+        return f"{suffixes.pop()} files hold meshes that are made: use --subdivide, --lods or --levels as well"
     if makes and options.measure and not suffixes:
         return "--measure measures what was written: use --output as well"
     reports = [Path(name) for name in (options.json, options.csv, options.html) if name not in (None, STANDARD_OUTPUT)]

@@ -34,19 +34,22 @@ from ..exchange.mesh_files import (
     written_there,
 )
 from ..exchange.modifiers import shown_vertices
+from ..exchange.switch_distances import Switch
 from ..exchange.whole_files import PNG
-from ..operators.adaptive_operator import make_and_place, way_to_place
+from ..operators.adaptive_operator import finest, make_and_place, way_to_place
 from ..operators.compute_depth import depth_notes, depths_computed
 from ..operators.count_faces import read_to_count, tolerance_found
 from ..operators.export_within import leave_out_shading
+from ..operators.levels_of_detail import wanted_levels
 from ..operators.measure_deviation import deviation_notes, deviations_measured
 from ..operators.mesh_operators import answer_of
+from ..operators.place_results import as_levels
 from ..operators.set_levels import levels_set
 from ..state import properties, result_record
 from ..state.chosen import surface_object
 from ..state.mesh_values import AdaptiveFacts
 from ..state.properties import Settings, scene_tolerance, set_scene_tolerance, setting_names
-from ..tasks.adaptive_task import AdaptiveSettings
+from ..tasks.adaptive_task import FINEST, AdaptiveSettings, Level
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
 from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, scene_unit, shortest_decimal
 from ..ui.lengths import printable
@@ -57,6 +60,7 @@ from .chosen_objects import chosen_objects, missing_inputs
 from .report import (
     DEPTHS,
     LEVELS,
+    LODS,
     MEASURE,
     SUBDIVIDE,
     Chosen,
@@ -95,7 +99,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     settings = bpy.context.scene.ccdepth
     change_settings(settings, options)
     action = action_of(options)
-    lost = leave_out_shading(settings, objects, output) if action == SUBDIVIDE and output is not None else ()
+    lost = leave_out_shading(settings, objects, output) if output and action in (SUBDIVIDE, LODS) else ()
     if options.faces is not None:
         adaptive = AdaptiveSettings.of(settings, scene_tolerance(settings))
         sources = [result_record.control_object(each) for each in objects]
@@ -103,7 +107,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         answer_of(tolerance_found(bpy.context, tasks, adaptive, options.faces))
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
-    targets = surfaces_of(objects) if is_checked else []
+    targets = surfaces_of(objects, levels_of(action)) if is_checked else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [made for _, made in outcomes]
     stamped = stamped and replace(stamped, metres_per_unit=unit)
@@ -184,9 +188,21 @@ def measure_settings(time_limit: float | None) -> MeasureSettings:
     return MeasureSettings(**{**settings_of(MEASURE), "time_limit": time_limit or 0.0})
 
 
-def surfaces_of(objects: Sequence[bpy.types.Object]) -> list[MeasureTask]:
-    """The limit surfaces of the objects. Raises ComputeError."""
-    return prepare_targets(bpy.context, list(objects), measure_settings(None))
+def levels_of(action: str) -> list[Level]:
+    """The levels of detail that the scene's settings ask an action for."""
+    settings = bpy.context.scene.ccdepth
+    if action != LODS:
+        return [FINEST]
+    return [Level(number, shortest_decimal(settings.step)) for number in range(settings.count)]
+
+
+def surfaces_of(objects: Sequence[bpy.types.Object], levels: Sequence[Level]) -> list[MeasureTask]:
+    """The limit surfaces of the objects, with the tolerance of each level. Raises ComputeError."""
+    finest, targets = measure_settings(None), []
+    for level in levels:
+        settings = replace(finest, tolerance=level.tolerance(finest.tolerance))
+        targets += prepare_targets(bpy.context, list(objects), settings)
+    return targets
 
 
 def _write(
@@ -263,6 +279,13 @@ SETTINGS = {
     SUBDIVIDE: setting_names(
         properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties
     ),
+    LODS: setting_names(
+        properties.ToleranceProperties,
+        properties.DivisionProperties,
+        properties.MakingProperties,
+        properties.LevelProperties,
+        properties.ViewProperties,
+    ),
     MEASURE: setting_names(properties.ToleranceProperties, properties.MeasureProperties),
 }
 
@@ -326,14 +349,37 @@ def _subdivide(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Out
     names, faces = [each.name for each in objects], [len(each.data.polygons) for each in objects]
     holder, unit = bpy.context.scene.ccdepth, scene_unit(bpy.context.scene)
     adaptive, way = AdaptiveSettings.of(holder, scene_tolerance(holder)), way_to_place(objects, holder)
-    made = answer_of(make_and_place(bpy.context, objects, objects, holder, adaptive, way))
-    results = [made.placed[each] for each in objects]
+    made = answer_of(make_and_place(bpy.context, finest(objects), holder, adaptive, way))
+    results = [made.placed[FINEST, each] for each in objects]
     _print_notes(made.notes)
     print_facts(results)
     return [
         (replace(adaptive_entry(name, count, AdaptiveFacts.of(each.data), settings, unit), result=each.name), each)
         for name, count, each in zip(names, faces, results, strict=True)
     ]
+
+
+def _make_levels(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+    holder, unit = bpy.context.scene.ccdepth, scene_unit(bpy.context.scene)
+    adaptive, wanted = AdaptiveSettings.of(holder, scene_tolerance(holder)), wanted_levels(objects, holder)
+    made = answer_of(make_and_place(bpy.context, wanted, holder, adaptive, as_levels))
+    pairs = [(each, made.placed[level, each]) for level in wanted for each in objects]
+    _print_notes(made.notes)
+    print_facts([result for _, result in pairs])
+    return [(_level_entry(*pair, settings, unit), pair[1]) for pair in pairs]
+
+
+def _level_entry(
+    source: bpy.types.Object, result: bpy.types.Object, settings: dict[str, Any], unit: float
+) -> ObjectEntry:
+    switch = Switch.read(result)
+    assert switch is not None
+    return replace(
+        adaptive_entry(source.name, len(source.data.polygons), AdaptiveFacts.of(result.data), settings, unit),
+        result=result.name,
+        lod_distance=metres_rounded_up(switch.distance, unit),
+        lod_screen_size=switch.screen_size,
+    )
 
 
 def adaptive_entry(name: str, faces: int, facts: AdaptiveFacts, settings: dict[str, Any], unit: float) -> ObjectEntry:
@@ -362,4 +408,4 @@ def _measure(objects: list[bpy.types.Object], settings: dict[str, Any]) -> Outco
     return found
 
 
-ACTIONS = {DEPTHS: _compute_depths, LEVELS: _set_levels, SUBDIVIDE: _subdivide, MEASURE: _measure}
+ACTIONS = {DEPTHS: _compute_depths, LEVELS: _set_levels, SUBDIVIDE: _subdivide, LODS: _make_levels, MEASURE: _measure}

@@ -30,12 +30,13 @@ from ..tasks.deviation_task import verdict_of
 from ..ui.facts import deviation_text, facts_of
 from ..ui.lengths import DIGITS, METRIC, Rounding, enough_digits, number_text, printable, printable_lines
 
-DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
+DEPTHS, LEVELS, SUBDIVIDE, LODS, MEASURE = "depths", "levels", "subdivide", "lods", "measure"
 
 ACTION_TEXTS = {
     DEPTHS: "Depths computed",
     LEVELS: "Subdivision levels set",
     SUBDIVIDE: "Adaptive meshes made",
+    LODS: "Levels of detail made",
     MEASURE: "Deviations measured",
 }
 
@@ -89,7 +90,7 @@ class ObjectEntry:
     counts and elsewhere. measured: by Measure Deviation, on the written mesh. met: whether the tolerance is met; None
     without a measurement. facet_angle, shading_angle: of the measured mesh, the largest at samples, in degrees; None
     without a measurement, or without normals. closed, oriented: of the written and measured mesh, as of
-    ``written_meshes.Edges``.
+    ``written_meshes.Edges``. lod_distance, lod_screen_size: of a level of detail, as of ``switch_distances.Switch``.
     """
 
     name: str
@@ -112,6 +113,8 @@ class ObjectEntry:
     shading_angle: float | None = None
     closed: bool | None = None
     oriented: bool | None = None
+    lod_distance: float | None = None
+    lod_screen_size: float | None = None
 
 
 @dataclass(frozen=True)
@@ -259,6 +262,8 @@ COLUMNS: dict[str, Callable[[ObjectEntry], Any]] = {
     "met": lambda entry: YES_OR_NO[entry.met],
     "closed": lambda entry: YES_OR_NO[entry.closed],
     "oriented": lambda entry: YES_OR_NO[entry.oriented],
+    "lod_distance_m": attrgetter("lod_distance"),
+    "lod_screen_size": attrgetter("lod_screen_size"),
 }
 
 

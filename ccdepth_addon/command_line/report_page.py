@@ -223,6 +223,9 @@ def _facts(entry: ObjectEntry) -> dict[str, str]:
     facts |= {name: f"{degrees_rounded_up(found):.4g}°" for name, found in angles.items() if found is not None}
     if entry.measured is not None:
         facts["Measured, at least"] = _length(entry.measured.reached, Rounding.DOWN)
+    if entry.lod_distance is not None:
+        facts["Under a pixel from"] = _length(entry.lod_distance, Rounding.UP)
+        facts["Size in the view there"] = f"{entry.lod_screen_size:.1%}"
     angles = {"Facets, at samples": entry.facet_angle, "Shading, at samples": entry.shading_angle}
     facts |= {name: f"{angle:.2f}°" for name, angle in angles.items() if angle is not None}
     told = {"Closed": entry.closed, "Oriented": entry.oriented}

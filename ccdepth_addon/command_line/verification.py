@@ -25,12 +25,13 @@ from .one_file import (
     SETTINGS,
     as_held,
     evaluated_objects,
+    levels_of,
     measure_settings,
     settings_of,
     surfaces_of,
     with_answer,
 )
-from .report import DEPTHS, LEVELS, MEASURE, ROUNDING, SUBDIVIDE, FileEntry, FileStamp, ObjectEntry, stamp
+from .report import DEPTHS, LEVELS, LODS, MEASURE, ROUNDING, SUBDIVIDE, FileEntry, FileStamp, ObjectEntry, stamp
 from .report_reading import read_report
 from .written_meshes import measured_distances, read_written
 
@@ -65,7 +66,7 @@ def _contradictions(action: str, entry: FileEntry) -> Iterator[str]:
         yield "the report names no objects"
     elif entry.chosen is None:
         yield "the report does not say which objects were asked for"
-    elif action == SUBDIVIDE and entry.output is None:
+    elif action in (SUBDIVIDE, LODS) and entry.output is None:
         yield "the adaptive mesh was not written, so that it cannot be checked"
     for each in entry.objects:
         if each.met is False:
@@ -138,7 +139,8 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
         targets = [prepare_measurement(bpy.context, [each], surface_object(each), settings) for each in objects]
         parts = [part for task in targets for part in task.measured]
     else:
-        targets = surfaces_of(objects) if output is not None and action in MAKING else []
+        is_written = output is not None and action in MAKING
+        targets = surfaces_of([*dict.fromkeys(objects)], levels_of(action)) if is_written else []
     if action in (DEPTHS, LEVELS):
         found = [each for each, _ in ACTIONS[action](objects, settings_of(action))]
     else:
@@ -158,7 +160,7 @@ def _unmeasured(action: str, said: ObjectEntry, blender_object: bpy.types.Object
     """The entry of an object to be measured. Adaptive meshes are not made again: the facts about their making stay as
     reported."""
     found = ObjectEntry(said.name, said.settings, said.tolerance, len(blender_object.data.polygons))
-    return replace(found, deepest=said.deepest, proved=said.proved) if action == SUBDIVIDE else found
+    return replace(found, deepest=said.deepest, proved=said.proved) if action in (SUBDIVIDE, LODS) else found
 
 
 def _measured_anew(
@@ -187,9 +189,10 @@ def _reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
     if entry.left_out != left_out:
         raise CommandError(f"the report says that {entry.left_out} are left out, but these are {left_out}")
     by_name = {each.name: each for each in objects}
-    if sorted(by_name) != sorted(names):
-        raise CommandError(f"its objects are not those that were asked for, each once: {', '.join(sorted(by_name))}")
     _take_settings(action, entry)
+    wanted = [*by_name] * len(levels_of(action))
+    if sorted(wanted) != sorted(names):
+        raise CommandError(f"its objects are not those that were asked for, each once: {', '.join(sorted(by_name))}")
     return [by_name[name] for name in names]
 
 

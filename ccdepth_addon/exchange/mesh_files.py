@@ -21,6 +21,7 @@ from .custom_normals import CarriedNormals
 from .data_blocks import as_bmesh
 from .displayed_mesh import Triangles
 from .face_values import remove_all
+from .switch_distances import Switch
 from .whole_files import UnwrittenError, refuse_existing, written_whole
 
 BLEND = ".blend"
@@ -45,6 +46,7 @@ WRITERS = {
     ".stl": "wm.stl_export",
     ".glb": "export_scene.gltf",
     **dict.fromkeys(USD[:3], "wm.usd_export"),
+    ".fbx": "export_scene.fbx",
 }
 
 READING: dict[str, dict[str, Any]] = {
@@ -68,8 +70,15 @@ WRITING: dict[str, dict[str, Any]] = {
     # With UV maps vertices would be split, and closed meshes would have a border.
     ".ply": {"export_selected_objects": True, "export_uv": False},
     ".stl": {"export_selected_objects": True},
-    ".glb": {"use_selection": True, "export_format": "GLB", "export_animations": False},
+    ".glb": {"use_selection": True, "export_format": "GLB", "export_animations": False, "export_extras": True},
     **dict.fromkeys(USD[:3], WRITING_USD),
+    ".fbx": {
+        "use_selection": True,
+        "object_types": {"EMPTY", "MESH"},
+        "use_custom_props": True,
+        "bake_anim": False,
+        "path_mode": "RELATIVE",
+    },
 }
 
 # The unit, in metres, of formats without units. Other formats are in metres, or their readers know the unit.
@@ -92,7 +101,7 @@ LOST = {
     ".stl": ("materials", "UV maps", "colours", "custom normals"),
     ".ply": ("materials", "UV maps", "colours of corners", "custom normals"),
     ".obj": ("UV maps but one", "colours of corners", "images that are in no file"),
-    **dict.fromkeys(USD, ("images that are in no file",)),
+    **dict.fromkeys((*USD, ".fbx"), ("images that are in no file",)),
 }
 
 # The formats whose reader leaves out repeated triangles, unless their normals differ.
@@ -298,7 +307,8 @@ def _shown_alone(objects: Mapping[str, bpy.types.Object], scale: float) -> Itera
         # Selecting may bring the list up to date, which crashes Blender while it is read.
         for each in list(layer.objects):
             each.select_set(False)
-        for name, (mesh, matrix) in zip(names, shown, strict=True):
+        groups: dict[bpy.types.Collection, bpy.types.Object] = {}
+        for each, name, (mesh, matrix) in zip(objects.values(), names, shown, strict=True):
             # Some formats take the name of the one, some that of the other.
             mesh.name = name
             copy = bpy.data.objects.new(name, mesh)
@@ -306,8 +316,24 @@ def _shown_alone(objects: Mapping[str, bpy.types.Object], scale: float) -> Itera
             bpy.context.scene.collection.objects.link(copy)
             copy.select_set(True)
             layer.objects.active = copy
+            if (switch := Switch.read(each)) is not None:
+                switch.in_units(scale).write(copy)
+                copy.parent = _level_group(each.users_collection[0], groups)
         layer.update()
         yield [mesh for mesh, _ in shown]
+
+
+def _level_group(
+    collection: bpy.types.Collection, groups: dict[bpy.types.Collection, bpy.types.Object]
+) -> bpy.types.Object:
+    """The empty above the levels of detail in a collection, a LodGroup in FBX files, which engines take for a set of
+    levels. groups: the empties so far."""
+    if collection not in groups:
+        group = groups[collection] = bpy.data.objects.new(collection.name, None)
+        group["fbx_type"] = "LodGroup"
+        bpy.context.scene.collection.objects.link(group)
+        group.select_set(True)
+    return groups[collection]
 
 
 def _shown_copy(evaluated: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[bpy.types.Mesh, Matrix]:

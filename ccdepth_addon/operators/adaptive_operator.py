@@ -1,24 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apply Adaptive Subdivision, and the common base of this operator, Update Result and Count Faces."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import bpy
 
+from ..exchange.data_blocks import removed_on_failure
 from ..exchange.modifiers import counted_modifiers, has_own_keys, left_out_sculpting
-from ..state import heat_map, known, properties, result_record
+from ..state import heat_map, known, properties, result_record, switch_distances
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.adaptive_meshes import TooManyError, subdivide
-from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
+from ..tasks.adaptive_task import FINEST, AdaptiveSettings, AdaptiveTask, Level, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
 from ..tasks.surfaces import ComputeError
 from ..ui.lengths import bound_texts, count_text, printable
 from .mesh_operators import LongOperator, Steps, Work
-from .place_results import NewMesh, Way, beside, in_results, instead, make_meshes, place
+from .place_results import NewMesh, Placed, Way, beside, in_results, instead, make_meshes, place
 from .reduced_meshes import Reducer
 from .refusals import LINKED, hidden_fault, name_fault, refuse, still_there
 from .scene_objects import edit_mode_left
@@ -26,9 +27,9 @@ from .scene_objects import edit_mode_left
 
 @dataclass(frozen=True)
 class Made:
-    """The results by the objects they were made for, their meshes, and notes for the user."""
+    """The results by the levels of detail and objects they were made for, their meshes, and notes for the user."""
 
-    placed: dict[bpy.types.Object, bpy.types.Object]
+    placed: Placed
     meshes: list[NewMesh]
     notes: list[str]
 
@@ -56,19 +57,18 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         return AdaptiveSettings.of(self, self.tolerance)
 
 
+# The objects that get meshes, each with its source, by the level of detail.
+Wanted = Mapping[Level, Mapping[bpy.types.Object, bpy.types.Object]]
+
+
 class MakingOperator(properties.MakingProperties, AdaptiveOperator):
     """An operator that makes adaptive meshes."""
 
-    def make(
-        self,
-        context: bpy.types.Context,
-        objects: Sequence[bpy.types.Object],
-        sources: Sequence[bpy.types.Object],
-        way: Way,
-    ) -> Steps[set[str]]:
-        """Make the meshes of sources for objects, and place them in a way. Raises ComputeError."""
-        counted = self.know(context, objects, sources)
-        made = yield from make_and_place(context, objects, sources, self, self.settings(), way, counted)
+    def make(self, context: bpy.types.Context, wanted: Wanted, way: Way) -> Steps[set[str]]:
+        """Make all wanted meshes, and place them in a way. Raises ComputeError."""
+        source_of = {each: source for pairs in wanted.values() for each, source in pairs.items()}
+        counted = self.know(context, [*source_of], [*source_of.values()])
+        made = yield from make_and_place(context, wanted, self, self.settings(), way, counted)
         if way is not in_results:
             self.report_skipped(context)
         self._report_made(made)
@@ -93,26 +93,40 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
             self.report({"WARNING"}, printable(note))
 
 
+def finest(objects: Sequence[bpy.types.Object]) -> Wanted:
+    """The meshes of objects with the settings as they are."""
+    return {FINEST: {each: each for each in objects}}
+
+
 def make_and_place(
     context: bpy.types.Context,
-    objects: Sequence[bpy.types.Object],
-    sources: Sequence[bpy.types.Object],
+    wanted: Wanted,
     holder: Any,
     settings: AdaptiveSettings,
     way: Way,
     counted: int | None = None,
 ) -> Steps[Made]:
-    """Make the meshes of sources for objects, and place them in a way. holder: of further settings, an operator or a
-    scene's. counted: the number of faces, if known. Raises ComputeError."""
+    """Make all wanted meshes, and place them in a way. holder: of further settings, an operator or a scene's. counted:
+    the number of faces of the finest level, if known. Raises ComputeError."""
     is_editing = context.mode == "EDIT_MESH"
+    meshes: list[NewMesh] = []
+    notes: list[str] = []
     with edit_mode_left(context) as edited:
-        tasks = yield from prepare_adaptive(context, sources, settings, objects)
-        meshes, notes = yield from make_unplaced(context, tasks, holder, settings, counted)
+        with removed_on_failure([]) as uids:
+            for level, source_of in wanted.items():
+                own, count = settings.at_level(level), None if level.number else counted
+                tasks = yield from prepare_adaptive(context, [*source_of.values()], own, [*source_of])
+                found, more = yield from make_unplaced(context, tasks, holder, own, count)
+                meshes += [replace(each, level=level) for each in found]
+                notes += more
+                uids += [each.mesh_uid for each in found]
         names = properties.Settings.of(holder, result_record.SETTINGS)
         placed, more = place(context, meshes, names, way)
         if is_editing and way is beside:
             edited[:] = [each.session_uid for each in placed.values()]
-    return Made(placed, meshes, notes + more)
+    switch_distances.write(context.scene, [*placed.values()])
+    # Levels of detail have the same notes.
+    return Made(placed, meshes, [*dict.fromkeys(notes + more)])
 
 
 def make_unplaced(
@@ -178,8 +192,9 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = chosen(context)
+        objects = chosen(context)
         way = way_to_place(objects, self)
-        status = yield from self.make(context, objects, objects, way)
+        status = yield from self.make(context, finest(objects), way)
         heat_map.show(context, Shown.DISTANCE)
         return status
 

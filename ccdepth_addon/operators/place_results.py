@@ -22,10 +22,10 @@ from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, left_out_sculpting, subdivision_modifier
 from ..state import mesh_values, out_of_date, result_record
 from ..state.properties import Settings
-from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
+from ..tasks.adaptive_task import FINEST, AdaptiveAnswer, AdaptiveSettings, Level
 from ..tasks.surfaces import ComputeError, naming
 from .refusals import CHANGED, still_there
-from .scene_objects import hide, link_beside, show, show_in_local_view
+from .scene_objects import hide, link_beside, own_collections, show, show_in_local_view
 
 # Faces written in one go: few enough to keep the window responsive.
 FACES_AT_ONCE = 1 << 17
@@ -36,13 +36,14 @@ NAME_SUFFIX = " Adaptive"
 @dataclass(frozen=True)
 class NewMesh:
     """An answer, the session identifier of the mesh made for it, the mesh's checksum, and its depths, (F,) int32.
-    sources: the checksums of its sources as they were read."""
+    sources: the checksums of its sources as they were read. level: of detail."""
 
     answer: AdaptiveAnswer
     mesh_uid: int
     geometry: int
     depths: NDArray[np.int32]
     sources: list[str]
+    level: Level = FINEST
 
 
 @dataclass
@@ -92,18 +93,19 @@ def make_meshes(
 # A way to place meshes, which adds what undoes it to the stack, and returns notes for the user.
 Way = Callable[[bpy.types.Context, list[Placement], bool, ExitStack], list[str]]
 
+# Results by the levels of detail and the objects that they were made for.
+Placed = dict[tuple[Level, bpy.types.Object], bpy.types.Object]
 
-def place(
-    context: bpy.types.Context, made: list[NewMesh], settings: Settings, way: Way
-) -> tuple[dict[bpy.types.Object, bpy.types.Object], list[str]]:
+
+def place(context: bpy.types.Context, made: list[NewMesh], settings: Settings, way: Way) -> tuple[Placed, list[str]]:
     """Place the meshes in one of the ways of this file, all or none, with their records.
 
-    Returns the objects with results by the objects they were made for, and notes for the user. Raises ComputeError,
+    Returns the objects with results, and notes for the user. Raises ComputeError,
     with nothing changed and the meshes removed, if an object has changed.
     """
     with removed_on_failure([each.mesh_uid for each in made]) as uids:
         places = [Placement.of(*pair) for pair in zip(made, meshes_with(uids), strict=True)]
-        wanted = [user for each in places for user in each.users]
+        wanted = [(each.made.level, user) for each in places for user in each.users]
         # Objects of ours that come into the scene are no change of the sources.
         with paused(context), ExitStack() as undo:
             notes = way(context, places, settings.values["use_modifiers"], undo)
@@ -185,7 +187,39 @@ def beside(context: bpy.types.Context, places: list[Placement], use_modifiers: b
     layer_objects = context.view_layer.objects
     undo.callback(setattr, layer_objects, "active", layer_objects.active)
     for each in places:
-        each.users = [_place_beside(context, user, each.mesh, use_modifiers, undo) for user in each.users]
+        originals = each.users
+        each.users = [_copy_of(user, each.mesh, use_modifiers, undo) for user in originals]
+        for original, copy in zip(originals, each.users, strict=True):
+            copy.name = original.name + NAME_SUFFIX
+            link_beside(context, original, copy)
+            _show_instead(context, original, [copy], undo)
+    return []
+
+
+def as_levels(context: bpy.types.Context, places: list[Placement], use_modifiers: bool, undo: ExitStack) -> list[str]:
+    """Put each mesh in new objects, the levels of detail of an original in a collection of their own beside it; only
+    the finest is rendered."""
+    layer_objects = context.view_layer.objects
+    undo.callback(setattr, layer_objects, "active", layer_objects.active)
+    levels: dict[bpy.types.Object, list[bpy.types.Object]] = {}
+    for each in places:
+        number, step = each.made.level
+        originals = each.users
+        each.users = [_copy_of(user, each.mesh, use_modifiers, undo) for user in originals]
+        each.mesh.name = f"{originals[0].name}_LOD{number}"
+        for original, copy in zip(originals, each.users, strict=True):
+            copy.name = f"{original.name}_LOD{number}"
+            copy.ccdepth.level, copy.ccdepth.level_step = number, step
+            copy.hide_render = number > 0
+            levels.setdefault(original, []).append(copy)
+    for original, copies in levels.items():
+        collection = bpy.data.collections.new(f"{original.name} LODs")
+        undo.callback(bpy.data.collections.remove, collection)
+        for parent in own_collections(context, original):
+            parent.children.link(collection)
+        for copy in copies:
+            collection.objects.link(copy)
+        _show_instead(context, original, copies, undo)
     return []
 
 
@@ -210,35 +244,35 @@ def _give_mesh(mesh: bpy.types.Mesh, users: Iterable[bpy.types.Object], undo: Ex
             raise ComputeError(CHANGED)
 
 
-def _place_beside(
-    context: bpy.types.Context,
-    original: bpy.types.Object,
-    mesh: bpy.types.Mesh,
-    use_modifiers: bool,
-    undo: ExitStack,
+def _copy_of(
+    original: bpy.types.Object, mesh: bpy.types.Mesh, use_modifiers: bool, undo: ExitStack
 ) -> bpy.types.Object:
-    """A copy of the object with the mesh, selected instead of the object; the object is hidden, from the render as
-    well."""
+    """A copy of the object with the mesh, in no collection yet."""
     if not original.visible_get():
         # The object was selected, and an object outside the view layer can neither be hidden nor selected.
         raise ComputeError(CHANGED)
     copy = own_copy(original)
     undo.callback(bpy.data.objects.remove, copy)
-    copy.name = original.name + NAME_SUFFIX
     # A result that was subdivided is the source of its copy.
     result_record.forget(copy)
     _remove_applied_modifiers(copy, use_modifiers=use_modifiers)
     copy.data = mesh
-    link_beside(context, original, copy)
-    show_in_local_view(context, copy)
-    copy.select_set(original.select_get())
+    return copy
+
+
+def _show_instead(
+    context: bpy.types.Context, original: bpy.types.Object, copies: list[bpy.types.Object], undo: ExitStack
+) -> None:
+    """Select the copies instead of the object, and hide the object, from the render as well."""
+    for copy in copies:
+        show_in_local_view(context, copy)
+        copy.select_set(original.select_get())
     if context.view_layer.objects.active == original:
-        context.view_layer.objects.active = copy
+        context.view_layer.objects.active = copies[0]
     undo.callback(setattr, original, "hide_render", original.hide_render)
     undo.callback(original.select_set, original.select_get())
-    undo.callback(show, original, [copy])
-    hide(original, copy)
-    return copy
+    undo.callback(show, original, copies[:1])
+    hide(original, copies[0])
 
 
 def _with_sharing(places: list[Placement]) -> list[list[bpy.types.Object]]:

@@ -12,12 +12,19 @@ import bpy
 from .refusals import refuse
 
 
-def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.types.Object) -> None:
-    """Link an object to the collections of another, or to the scene's if all of them are linked or overrides, which
-    accept no objects. Blender itself has put the copy of a rigid body into the collection of rigid bodies."""
-    collections = set(other.users_collection) - set(added.users_collection)
+def own_collections(
+    context: bpy.types.Context, other: bpy.types.Object, without: Iterable[bpy.types.Collection] = ()
+) -> list[bpy.types.Collection]:
+    """The collections of an object, or the scene's if all of them are linked or overrides, which accept nothing."""
+    collections = set(other.users_collection) - set(without)
     own = [collection for collection in collections if collection.is_editable and not collection.override_library]
-    for collection in own or [context.scene.collection]:
+    return own or [context.scene.collection]
+
+
+def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.types.Object) -> None:
+    """Link an object to the collections of another. Blender itself has put the copy of a rigid body into the collection
+    of rigid bodies."""
+    for collection in own_collections(context, other, added.users_collection):
         collection.objects.link(added)
 
 

@@ -11,6 +11,7 @@ from ..exchange.modifiers import sculpted
 from ..state import out_of_date, result_record
 from ..state.chosen import chosen
 from ..state.properties import Settings
+from ..tasks.adaptive_task import Level
 from ..tasks.surfaces import NOT_PLACED, ComputeError
 from ..ui.lengths import printable_lines
 from .adaptive_operator import MakingOperator, making_fault
@@ -25,15 +26,17 @@ class UpdatingOperator(MakingOperator):
     """An operator that makes results anew from their sources."""
 
     def updated(self, context: bpy.types.Context, chosen: list[bpy.types.Object]) -> Steps[set[str]]:
-        """Make results anew, together with the results of known scale that share their meshes."""
+        """Make results anew, together with the results of known scale that share their meshes. Raises ComputeError."""
         shared = {result.data for result in chosen}
         sharing = [each for each in bpy.data.objects if each.data in shared and result_record.is_result(each)]
         layer = context.view_layer
         results = list(dict.fromkeys([*chosen, *(each for each in sharing if is_placed(layer, each))]))
         refuse(chosen, lambda each: None if is_placed(layer, each) else NO_SIZE)
         refuse(results, lambda each: self._fault(each, results))
-        sources = [result_record.control_object(each) for each in results]
-        return (yield from self.make(context, results, sources, in_results))
+        wanted: dict[Level, dict[bpy.types.Object, bpy.types.Object]] = {}
+        for each in results:
+            wanted.setdefault(result_record.level_of(each), {})[each] = result_record.control_object(each)
+        return (yield from self.make(context, wanted, in_results))
 
     def _fault(self, result: bpy.types.Object, together: Collection[bpy.types.Object]) -> str | None:
         if not result.is_editable:
@@ -64,9 +67,12 @@ class CCDEPTH_OT_update(UpdatingOperator):
         return "Select a result of Apply Adaptive Subdivision, or the object it came from"
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
-        """Make the selected results anew, and the results of other selected objects."""
+        """Make the selected results anew, levels of detail with all of their set, and the results of other selected
+        objects."""
         selected = chosen(context)
-        results = [each for each in selected if result_record.is_result(each)]
+        results = [
+            each for one in selected if result_record.is_result(one) for each in result_record.levels_beside(one)
+        ]
         of_sources = [
             result
             for each in selected

@@ -282,6 +282,54 @@ class OutputProperties:
     )
 
 
+class LevelProperties:
+    """Settings of levels of detail."""
+
+    # Without hard limits, so that a bad number can be refused with a report.
+    count: IntProperty(
+        name="Levels",
+        description="How many levels of detail to make of each object",
+        default=4,
+        soft_min=1,
+        soft_max=8,
+    )
+    step: FloatProperty(
+        name="Step",
+        description="How many times the tolerance of each level is that of the level before; angles grow by the "
+        "square root, up to 30°",
+        default=4.0,
+        soft_min=1.5,
+        soft_max=16.0,
+        step=50,
+        precision=2,
+    )
+
+
+class ViewProperties:
+    """The view that switch distances of levels of detail are for."""
+
+    view_angle: FloatProperty(
+        name="Field of View",
+        description="The vertical field of view that switch distances are for. 0 for that of the scene's camera, "
+        "and 50° without a perspective camera",
+        default=0.0,
+        min=0.0,
+        max=radians(170),
+        step=100,
+        precision=1,
+        subtype="ANGLE",
+    )
+    view_height: IntProperty(
+        name="View Height",
+        description="The height, in pixels, of the view that switch distances are for. 0 for that of the scene's "
+        "render",
+        default=0,
+        min=0,
+        soft_max=4320,
+        subtype="PIXEL",
+    )
+
+
 class BudgetProperties:
     """The setting of Find Tolerance."""
 
@@ -323,7 +371,7 @@ class MeasureProperties:
 
 GROUPS = (
     *(ToleranceProperties, DepthProperties, DivisionProperties, FaceLimitProperties, MakingProperties),
-    *(OutputProperties, BudgetProperties, MeasureProperties),
+    *(OutputProperties, LevelProperties, ViewProperties, BudgetProperties, MeasureProperties),
 )
 
 

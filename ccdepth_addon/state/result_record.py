@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ..exchange.dependencies import compared, object_state
 from ..exchange.mesh_arrays import content_checksum, own_checksum
 from ..exchange.modifiers import applied_modifiers, counted_modifiers
+from ..tasks.adaptive_task import FINEST, Level
+from ..tasks.surfaces import shortest_decimal
 from . import properties
 from .properties import Settings
 
@@ -47,7 +49,9 @@ class ResultRecord(
     )
     result_left_render: BoolProperty(description="Whether the result was taken out of the render as it was hidden")
     source_left_render: BoolProperty(description="Whether the source was taken out of the render as it was hidden")
-    tolerance: FloatProperty(description="The tolerance as it was given")
+    tolerance: FloatProperty(description="The tolerance as it was given; of levels of detail that of level 0")
+    level: IntProperty(description="The number of a level of detail; -1 for others", default=-1)
+    level_step: FloatProperty(description="How many times the tolerance of each level is that of the level before")
     applied: CollectionProperty(type=AppliedModifier)
     is_measured: BoolProperty(description="Whether this object was measured, among the objects that use its mesh")
     # Not on the mesh: Blender 5.0 leaves pointers of meshes to objects that are gone, and crashes.
@@ -86,6 +90,25 @@ def control_object(blender_object: bpy.types.Object) -> bpy.types.Object:
 def results_of(source: bpy.types.Object) -> list[bpy.types.Object]:
     """The results of a source, from a look at all objects of the file."""
     return [each for each in bpy.data.objects if each.type == "MESH" and each.ccdepth.source == source != each]
+
+
+def is_level(blender_object: bpy.types.Object) -> bool:
+    """Whether the object is a level of detail of another object."""
+    return is_result(blender_object) and blender_object.ccdepth.level >= 0
+
+
+def level_of(result: bpy.types.Object) -> Level:
+    """The level of detail of a result, and for any other result the level that changes no settings."""
+    record = result.ccdepth
+    return Level(record.level, shortest_decimal(record.level_step)) if record.level >= 0 else FINEST
+
+
+def levels_beside(result: bpy.types.Object) -> list[bpy.types.Object]:
+    """All levels of detail in the collections of one of them, from the finest on; of any other result itself alone."""
+    if not is_level(result):
+        return [result]
+    beside = {each for collection in result.users_collection for each in collection.objects if is_level(each)}
+    return sorted((each for each in beside if each.ccdepth.source == result.ccdepth.source), key=level_of)
 
 
 def settings_have_changed(result: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:

@@ -41,6 +41,7 @@ from ..exchange.data_blocks import Identity
 from ..exchange.evaluated import Evaluated, in_batches
 from ..exchange.modifiers import counted_modifiers, subdivision_modifier
 from .surfaces import (
+    LARGEST_TOLERANCE,
     Faults,
     Surface,
     SurfaceSettings,
@@ -58,6 +59,28 @@ SHAPE_DECIMALS = 6
 
 # The largest angle, in radians, that goes with another tolerance.
 LARGEST_ANGLE = radians(89)
+
+# The largest angle, in radians, that a coarser level of detail comes to.
+LARGEST_LEVEL_ANGLE = radians(30)
+
+
+class Level(NamedTuple):
+    """A level of detail: its tolerance is that of level 0 times the step to the power of its number."""
+
+    number: int = 0
+    step: float = 1.0
+
+    @property
+    def factor(self) -> float:
+        return self.step**self.number
+
+    def tolerance(self, finest: float) -> float:
+        """The tolerance of the level, as typed, from that of level 0."""
+        return shortest_decimal(min(finest * self.factor, LARGEST_TOLERANCE))
+
+
+# The level with the settings as they are.
+FINEST = Level()
 
 
 @dataclass(frozen=True)
@@ -81,6 +104,21 @@ class AdaptiveSettings(SurfaceSettings):
         """The settings with another tolerance, and with angles that go with it: where the tolerance is the height of an
         arc over its chord, the square of the angle is proportional to the tolerance."""
         return replace(self.with_angles_times(sqrt(tolerance / self.tolerance)), tolerance=tolerance)
+
+    def at_level(self, level: Level) -> AdaptiveSettings:
+        """The settings of a level of detail. Angles go with the tolerance up to 30°; larger angles stay."""
+        if not level.number:
+            return self
+        coarser = self.with_angles_times(sqrt(level.factor))
+        shading, facets = (
+            min(angle, max(finest, LARGEST_LEVEL_ANGLE))
+            for angle, finest in (
+                (coarser.shading_angle, self.shading_angle),
+                (coarser.facet_angle, self.facet_angle),
+            )
+        )
+        tolerance = level.tolerance(self.tolerance)
+        return replace(coarser, tolerance=tolerance, shading_angle=shading, facet_angle=facets)
 
 
 class Target(NamedTuple):

@@ -18,6 +18,7 @@ OPERATORS = (
     ("heat-map-and-legend", "bake_colors"),
     ("results", "update before_after"),
     ("export-within-tolerance", "export_within"),
+    ("levels-of-detail", "lods"),
     ("tolerance", "tolerance_preset_add"),
     ("install", "open_manual"),
     ("adaptive-subdivision", "*"),
@@ -28,6 +29,7 @@ SETTINGS = (
     ("frames", "frame*"),
     ("measure-deviation", "accuracy time_limit"),
     ("heat-map-and-legend", "heat_map* show_* distance_*"),
+    ("levels-of-detail", "count step view_*"),
     ("adaptive-subdivision", "*"),
 )
 SECTIONS = (
@@ -67,6 +69,7 @@ ENTRIES = (
     ("ccdepth.subdivide", "MOD_MULTIRES"),
     ("ccdepth.count_faces", "LINENUMBERS_ON"),
     ("ccdepth.find_tolerance", "VIEWZOOM"),
+    ("ccdepth.lods", "MOD_DECIM"),
     ("ccdepth.update", "FILE_REFRESH"),
     ("ccdepth.before_after", "FILE_PARENT"),
     ("ccdepth.remove_normals", "NORMALS_VERTEX_FACE"),

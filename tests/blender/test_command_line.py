@@ -143,6 +143,12 @@ one.obj --file-timeout 0 | is not a number of seconds greater than zero
 --frames 9-1 | the first comes before the last
 --frames 1-9 --subdivide | --frames is for depths and --levels
 --levels --subdivide | cannot be used together
+--subdivide --lods 3 | cannot be used together
+--lods 0 | is not a whole number of at least 1
+--lod-step 2 | are for --lods
+--subdivide --view-height 900 | are for --lods
+--lods 3 --in-place | --in-place is not for it
+--lods 3 --picture out.png | --picture is not for --lods
 --subdivide --output mesh.xyz | its name must end in
 --output mesh.stl | .stl files hold meshes that are made
 --measure --output-folder . --format stl | .stl files hold meshes that are made

@@ -90,7 +90,7 @@ def test_a_file_in_millimetres_keeps_its_numbers_and_knows_their_length(tmp_path
 
 
 @pytest.mark.every_blender
-@pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".glb", ".usdc"])
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".glb", ".usdc", ".fbx"])
 @pytest.mark.parametrize("scale", [1.0, 0.01])
 def test_what_is_written_has_the_scenes_size_and_place(
     tmp_path: Path, suffix: str, scale: float, capfd: Capture

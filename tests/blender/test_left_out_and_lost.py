@@ -117,7 +117,7 @@ LOST: dict[str, list[str]] = {
     ".stl": ["materials", "UV maps", "colours"],
     ".ply": ["materials", "UV maps", "colours of corners"],
     ".obj": ["colours of corners"],
-    **{suffix: [] for suffix in (".blend", ".glb", ".usda")},
+    **{suffix: [] for suffix in (".blend", ".glb", ".usda", ".fbx")},
 }
 
 

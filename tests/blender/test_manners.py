@@ -90,6 +90,7 @@ CASES: dict[str, tuple[Callable[[], object], str, dict[str, object]]] = {
     "subdivide in Edit Mode": (edited, "subdivide", {"tolerance": 0.05}),
     "subdivide in place in Edit Mode": (edited, "subdivide", {"tolerance": 0.05, "output": "IN_PLACE"}),
     "update": (lambda: addon.select(made_result()[1]), "update", {"tolerance": 0.003, "tolerance_mode": "ABSOLUTE"}),
+    "levels of detail": (computed, "lods", {"tolerance": 0.05, "count": 2}),
     "before and after": (lambda: addon.select(made_result()[1]), "before_after", {}),
     "bake": (computed, "bake_colors", {}),
     "find tolerance": (computed, "find_tolerance", {"face_budget": 300}),
@@ -141,7 +142,7 @@ def test_every_operator_is_in_the_table() -> None:
     assert {operator for _, operator, _ in CASES.values()} == set(dir(bpy.ops.ccdepth)) - others
 
 
-LONG = [case for case, (_, name, _) in CASES.items() if name in ("compute", "measure", "subdivide", "update")]
+LONG = [case for case, (_, name, _) in CASES.items() if name in ("compute", "measure", "subdivide", "lods", "update")]
 
 
 @pytest.mark.parametrize("case", LONG)

@@ -32,7 +32,7 @@ TYPES = {
 COMMENTS = {"$schema", "$defs", "title", "description"}
 
 # The formats that are written, beside .blend.
-OTHERS = (".stl", ".obj", ".ply", ".glb", ".usdc")
+OTHERS = (".stl", ".obj", ".ply", ".glb", ".usdc", ".fbx")
 
 
 def faults(value: Any, schema: dict[str, Any], definitions: dict[str, Any], place: str = "report") -> Iterator[str]:
