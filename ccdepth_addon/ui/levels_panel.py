@@ -15,7 +15,8 @@ from .sidebar import SidebarPanel, settings_column
 # Significant digits of lengths, for which there is room.
 DIGITS = 2
 
-HEADINGS = ("LOD", "Faces", "Within", "From", "Size")
+# The headings of the columns, and their widths in proportion.
+HEADINGS = {"LOD": 2.0, "Faces": 2.7, "Within": 3.8, "From": 3.0, "Size": 2.8}
 
 
 class CCDEPTH_PT_levels(SidebarPanel, bpy.types.Panel):
@@ -44,14 +45,13 @@ def _draw_table(layout: bpy.types.UILayout, scene: bpy.types.Scene, levels: list
     """A row for each level of detail of a set, and a column for each of its numbers."""
     rows = [switch_texts(scene, each, switch) for each in levels if (switch := Switch.read(each))]
     table = layout.box().row()
-    for heading, *texts in zip(HEADINGS, *rows, strict=True):
+    for (heading, width), *texts in zip(HEADINGS.items(), *rows, strict=True):
         column = table.column(align=True)
-        column.alignment = "RIGHT"
-        title = column.row()
-        title.active, title.alignment = False, "RIGHT"
-        title.label(text=heading)
-        for text in texts:
-            column.label(text=text)
+        column.ui_units_x = width
+        for text in (heading, *texts):
+            cell = column.row()
+            cell.active, cell.alignment = text != heading, "RIGHT"
+            cell.label(text=text)
 
 
 def switch_texts(scene: bpy.types.Scene, level: bpy.types.Object, switch: Switch) -> tuple[str, ...]:
