@@ -16,7 +16,7 @@ from typing import Any, TextIO
 
 import bpy
 
-from ..exchange.blender_calls import COMMAND, CommandError, own_process, scripts_as_started
+from ..exchange.blender_calls import COMMAND, CommandError, own_options, own_process, scripts_as_started
 from ..exchange.mesh_files import refuse_place
 from ..exchange.whole_files import UnwrittenError, written_whole
 from ..tasks.surfaces import ComputeError
@@ -112,7 +112,7 @@ def _done(options: Namespace, program: str, arguments: Sequence[str], process: S
         _make_folder(options.output_folder)
     sources: list[Path | None] = options.files or [None]
     if options.jobs is not None and options.files:
-        ended = process_files(process or own_process(), options, arguments)
+        ended = process_files(process or own_process(*own_options()), options, arguments)
     else:
         ended = _one_after_the_other(enumerate(sources), options, names=len(sources) > 1)
     entries: dict[int, FileEntry] = {}

@@ -13,6 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, sleep
 
+from ..exchange.blender_calls import end_of
 from ..exchange.whole_files import remove_left
 from .arguments import output_of
 from .report import FileEntry, stamp
@@ -94,6 +95,4 @@ def _entry(run: _Run, limit: float | None) -> FileEntry:
 def _failure(run: _Run, limit: float | None) -> str:
     if limit and monotonic() - run.begin >= limit:
         return f"it was not done within {limit:g} seconds"
-    lines = run.log.read_text(encoding="utf-8", errors="replace").split("\n")
-    last = next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
-    return f"Blender ended with status {run.process.returncode}: {last}"
+    return end_of(run.process, run.log)

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -66,17 +68,26 @@ def temporary_data(*kinds: str) -> Iterator[None]:
 COMMAND = "ccdepth"
 
 
-def own_process() -> list[str]:
-    """The line that runs our command in another process of this Blender; from the background with this Blender's own
-    options. Raises CommandError if this Blender is no program."""
+def own_process(*options: str) -> list[str]:
+    """The line that runs our command in another process of this Blender, with these options of Blender's. Raises
+    CommandError if this Blender is no program."""
     if not bpy.app.binary_path:
         raise CommandError("another Blender is needed, and this one is no program")
+    return [bpy.app.binary_path, *options, "--command", COMMAND]
+
+
+def own_options() -> list[str]:
+    """The options that this Blender was started with before our command."""
     options = sys.argv[1:]
     end = next((index for index, option in enumerate(options) if option in ENDS), 0)
-    # The add-on may be on in this session alone.
-    root = __package__.removesuffix(".exchange").removesuffix(".ccdepth_addon")
-    own = options[:end] if bpy.app.background else ["-b", "--addons", root]
-    return [bpy.app.binary_path, *(own or ["-b"]), "--command", COMMAND]
+    return options[:end] or ["-b"]
+
+
+def end_of(process: subprocess.Popen[bytes], log: Path) -> str:
+    """The end of another process, in words, with the last line that it printed to a log."""
+    lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
+    last = next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
+    return f"Blender ended with status {process.returncode}: {last}"
 
 
 # Blender's options before the arguments of other programs, and its options that switch scripts on and off.

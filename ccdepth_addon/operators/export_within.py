@@ -22,7 +22,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ..core import Progress
-from ..exchange.blender_calls import CommandError, own_process
+from ..exchange.blender_calls import CommandError, end_of, own_process
 from ..exchange.custom_normals import smooth_faces
 from ..exchange.data_blocks import meshes_with
 from ..exchange.displayed_mesh import read_shown_mesh
@@ -282,7 +282,9 @@ def _surface(context: bpy.types.Context, task: AdaptiveTask, user: bpy.types.Obj
 def _measured(folder: Path, place: Path) -> Steps[None]:
     """Let another Blender measure the file, and write its report. Raises CommandError if it writes none."""
     with (folder / LOG).open("wb") as log:
-        command = [*own_process(), "--written", str(folder)]
+        # The add-on may be on in this session alone. This Blender's own options may run a script, or open a file.
+        root = __package__.removesuffix(".operators").removesuffix(".ccdepth_addon")
+        command = [*own_process("-b", "--addons", root), "--written", str(folder)]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
     try:
         yield Work(partial(_wait, process), lambda seconds: f"Measuring {place.name}: {seconds:.0f} s")
@@ -290,9 +292,7 @@ def _measured(folder: Path, place: Path) -> Steps[None]:
         process.kill()
         process.wait()
     if not (folder / REPORT).exists():
-        lines = (folder / LOG).read_text(encoding="utf-8", errors="replace").split("\n")
-        last = next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
-        raise CommandError(f"Blender ended with status {process.returncode}: {last}")
+        raise CommandError(end_of(process, folder / LOG))
 
 
 def _wait(process: subprocess.Popen[bytes], progress: Progress) -> None:

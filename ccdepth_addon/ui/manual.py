@@ -106,7 +106,7 @@ def _draw_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 
 def _draw_export(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator("ccdepth.export_within", text="Within Tolerance, by CC Depth (.stl, .obj, .ply, .glb, .usd)")
+    self.layout.operator("ccdepth.export_within", text="CC Depth: Within Tolerance")
 
 
 def register() -> None:

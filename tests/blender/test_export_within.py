@@ -23,7 +23,7 @@ SETTINGS = {"tolerance": 0.02, "tolerance_mode": "ABSOLUTE"}
 
 @pytest.fixture(autouse=True)
 def _another_blender(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(export, "own_process", runs.program)
+    monkeypatch.setattr(export, "own_process", lambda *_: runs.program())
 
 
 def smooth(data: meshes.MeshData, name: str) -> bpy.types.Object:
@@ -157,7 +157,7 @@ def test_a_file_that_cannot_be_measured_takes_no_place(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code, message = ENDING[case]
-    monkeypatch.setattr(export, "own_process", lambda: [sys.executable, "-c", f"import sys; {code}"])
+    monkeypatch.setattr(export, "own_process", lambda *_: [sys.executable, "-c", f"import sys; {code}"])
     refused(tmp_path, message)
 
 
@@ -176,7 +176,7 @@ def test_a_file_that_is_cut_off_takes_no_place(tmp_path: Path, monkeypatch: pyte
 def test_esc_ends_the_other_blender_and_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As by Esc: the work raises. The other Blender would take a minute."""
     job = addon.module("operators.mesh_operators")
-    monkeypatch.setattr(export, "own_process", lambda: [sys.executable, "-c", "import time; time.sleep(60)"])
+    monkeypatch.setattr(export, "own_process", lambda *_: [sys.executable, "-c", "import time; time.sleep(60)"])
 
     def cancelled(*_: object) -> None:
         raise job.Cancelled
