@@ -87,8 +87,8 @@ def measure_deviation(
     (``PIECES_OF_EACH`` by default), time_limit (seconds): the measurement ends there with the bounds proved so far.
     tolerance: distances far below the tolerance need not be told apart. enough: bounds are not refined below this
     distance. limit: the measurement goes on until it decides whether all is within this distance, however near the
-    result is. proofs: of the mesh measured before against the same control mesh, and then of this one; what is reached is
-    then reached at new triangles or near them. progress: receives the fraction done about every tenth of a
+    result is. proofs: of the mesh measured before against the same control mesh, and then of this one; what is reached
+    is then reached at new triangles or near them. progress: receives the fraction done about every tenth of a
     second, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
