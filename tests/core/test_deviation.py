@@ -15,6 +15,7 @@ from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, KeptProofs, measure_deviation
 from ccdepth_addon.core.deviation.bezier_pieces import bezier_pieces
+from ccdepth_addon.core.deviation.leaf_samples import ON_GRID
 from ccdepth_addon.core.deviation.mesh_to_surface import Facets
 from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
 from ccdepth_addon.core.deviation.triangles import Triangles
@@ -282,28 +283,34 @@ def test_what_is_proved_of_one_mesh_holds_of_the_next(name: str) -> None:
         triangles = np.delete(generator.permutation(whole), np.arange(missing), axis=0)
         found = measure_deviation(control, positions, triangles, enough=enough, proofs=proofs)
         there, back = sampled(name, positions, triangles)
-        assert np.all(found.face_bounds.max() >= there - 1e-12)
+        assert np.all(found.face_bounds >= there - 1e-12)
         assert np.all(found.triangle_bounds >= back - off_surface(control, fine_level(control)))
+        assert_pieces_are_within(proofs, positions, triangles)
         alone = measure_deviation(control, positions, triangles, enough=enough)
         assert (found.proved <= enough) == (alone.proved <= enough)
         verdicts.add(found.proved <= enough)
     assert len(verdicts) == 2
 
 
-@pytest.mark.parametrize("which", [0, 1])
-def test_the_next_mesh_is_missed_where_triangles_are_gone(which: int) -> None:
-    """One of the two triangles over each piece of a flat surface so far below that no boxes meet."""
+@pytest.mark.parametrize("start", [1.7, 2.1])
+def test_pieces_keep_no_bound_where_a_strip_is_gone(start: float) -> None:
+    """A strip narrower than pieces of a flat surface, which is so far below that no boxes meet."""
     control = meshes.build(meshes.grid(4, 4), smooth_corners=False)
-    positions, triangles = result(control, 1, limit=True)
-    lifted, proofs, enough = positions + np.array([0.0, 0.0, 0.5]), KeptProofs(), 0.505
-    whole = measure_deviation(control, lifted, triangles, accuracy=1e-3, enough=enough, proofs=proofs)
-    assert whole.proved <= enough
-    left = np.delete(triangles, 60 + which, axis=0)
-    found = measure_deviation(control, lifted, left, accuracy=1e-3, enough=enough, proofs=proofs)
-    # The middle of the circle inside the missing triangle, with two sides of a half, is nearest to its sides.
-    distance = np.hypot(0.5, (1 - np.sqrt(0.5)) / 2)
-    assert found.proved >= distance - 1e-9
-    assert found.reached > enough
+    positions = np.array([[x, y, 0.5] for x in (0.0, start, start + 0.05, 4.0) for y in (0.0, 4.0)])
+    triangles, proofs = np.concatenate([[[i, i + 2, i + 3], [i, i + 3, i + 1]] for i in (0, 2, 4)]), KeptProofs()
+    for each_mesh in (triangles, triangles[[0, 1, 4, 5]]):
+        measure_deviation(control, positions, each_mesh, enough=0.51, proofs=proofs)
+        assert_pieces_are_within(proofs, positions, each_mesh)
+
+
+def assert_pieces_are_within(proofs: KeptProofs, positions: FloatArray, triangles: IndexArray) -> None:
+    """Samples of every piece without an excess are within the piece's bound."""
+    surface = proofs.last.surface
+    leaves = surface.pieces.leaves()
+    leaves = leaves[surface.pieces.excess[leaves] == 0]
+    points = (surface.pieces.coefficients[leaves] @ ON_GRID.T).swapaxes(1, 2) + proofs.origin
+    found = distances(points.reshape(-1, 3), positions, triangles).reshape(len(leaves), -1).max(axis=1)
+    assert np.all(found <= surface.upper[leaves] + 1e-12)
 
 
 @cache

@@ -13,33 +13,33 @@ from .bezier_pieces import BezierPieces
 from .box_tree import BoxTree, overlapping
 from .columns import NONE
 from .mesh_to_surface import MeshToSurface
-from .triangles import places_among, rows_of_triangles
+from .triangles import places_among
 
 
 class KeptProofs:
     """The proofs of the last of several meshes measured against one surface, none before the first.
 
-    origin: (3,) float64, of the coordinates of all meshes; pieces: of the surface. Both are None before the first.
+    origin: (3,) float64, of the coordinates of all meshes; pieces: of the surface; last: the search that ended with the
+    proofs. All are None before the first mesh.
     """
 
     def __init__(self) -> None:
         self.origin: FloatArray | None = None
         self.pieces: BezierPieces | None = None
-        self._last: MeshToSurface | None = None
+        self.last: MeshToSurface | None = None
 
     def keep(self, search: MeshToSurface, origin: FloatArray) -> None:
         """Replace all proofs by those of a finished search."""
-        self._last, self.pieces, self.origin = search, search.surface.pieces, origin
+        self.last, self.pieces, self.origin = search, search.surface.pieces, origin
 
     def take(self, search: MeshToSurface) -> tuple[IndexArray, IndexArray]:
         """Give a search both ways, of the same pieces, the proofs that hold of its mesh, too, and are good enough;
         returns the pieces and the triangles left to bound."""
         surface, leaves = search.surface, search.surface.pieces.leaves()
-        if self._last is None:
+        if self.last is None:
             return leaves, np.arange(search.mesh.count)
-        last, enough = self._last, search.findings.enough
-        before, now = (rows_of_triangles(each.mesh.points) for each in (last, search))
-        places = places_among(before, now)
+        last, enough = self.last, search.findings.enough
+        places = places_among(last.mesh.rows, search.mesh.rows)
         holds = (places != NONE) & (last.upper <= enough)
         search.upper[places[holds]] = last.upper[holds]
         triangles = places[last.surface.triangles[leaves]]

@@ -47,6 +47,11 @@ class Triangles:
         return Triangles(points, beyond, units(normals), needle_thickness(points), distance_slack(points), tree)
 
     @property
+    def rows(self) -> FloatArray:
+        """(T, 9): the corners of each triangle in a row."""
+        return self.points.swapaxes(0, 1).reshape(-1, 9)
+
+    @property
     def count(self) -> int:
         return self.points.shape[1]
 
@@ -163,13 +168,6 @@ def _on_sides(places: FloatArray, corners: FloatArray) -> FloatArray:
         np.copyto(best, points, where=nearer)
         np.copyto(least, distances, where=nearer)
     return best
-
-
-def rows_of_triangles(points: FloatArray) -> FloatArray:
-    """(T, 9): the corners of each triangle, points (3, T, 3), from its least corner on."""
-    first = np.lexsort(np.moveaxis(points, 2, 0)[::-1], axis=0)[:1]
-    turned = np.take_along_axis(points, ((first + np.arange(3)[:, None]) % 3)[..., None], axis=0)
-    return turned.swapaxes(0, 1).reshape(-1, 9)
 
 
 def places_among(rows: FloatArray, others: FloatArray) -> IndexArray:

@@ -12,7 +12,7 @@ from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..deviation.columns import NONE
 from ..deviation.surface_to_mesh import nearest_triangles
-from ..deviation.triangles import Triangles, barycentric, places_among, rows_of_triangles
+from ..deviation.triangles import Triangles, barycentric, places_among
 
 # The largest number of vertices of the finer mesh taken as samples.
 MOST_SAMPLES = 1 << 18
@@ -44,7 +44,7 @@ class SampledDistances:
         self._samples = positions[used[chosen]]
         # Of the last mesh, at first the fine one: the triangles, the distances of their own points, and the triangle
         # that each sample is nearest to, with its distance.
-        self._rows, self._own = rows_of_triangles(self._triangles.points), np.zeros(len(corners))
+        self._rows, self._own = self._triangles.rows, np.zeros(len(corners))
         self._nearest, self._apart = first[chosen] // 3, np.zeros(len(self._samples))
 
     def of(self, mesh: Triangles, positions: FloatArray, corners: IndexArray, tick: Tick) -> FloatArray:
@@ -53,7 +53,7 @@ class SampledDistances:
         A sample of the fine mesh counts for its nearest triangle, as found in this mesh or before; vertices, middles of
         edges and centroids of the coarse mesh count for their triangles.
         """
-        rows = rows_of_triangles(mesh.points)
+        rows = mesh.rows
         before = places_among(rows, self._rows)
         now = np.full(len(self._rows), NONE)
         there = np.flatnonzero(before != NONE)

@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..deviation import Deviation, KeptProofs, SampledSurface, measure_deviation
 from ..deviation.columns import NONE
-from ..deviation.triangles import Triangles, places_among, rows_of_triangles
+from ..deviation.triangles import Triangles, places_among
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
 from .sampled_distances import Places, SampledDistances, nearest_of
@@ -200,7 +200,7 @@ class Reduction:
     def _turned(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
         """(T,) bool: the triangles with samples beyond an angle, except for those of the current mesh. What the start
         does not keep does not count."""
-        rows, before = (rows_of_triangles(each.positions[each.corners.T]) for each in (mesh, self.current))
+        rows, before = (each.positions[each.corners].reshape(-1, 9) for each in (mesh, self.current))
         is_new = places_among(rows, before) == NONE
         turned = np.zeros(len(mesh.corners), dtype=bool)
         for of_shading, angle in self._largest_angles.items():
