@@ -22,7 +22,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
 from ..bounds.rounding import largest_coordinates
 from ..deviation.leaf_deviations import DrawnLeaves
-from ..deviation.measure import rounding_allowance
+from ..deviation.measure import measuring_allowance
 from ..distance.face_feet import FaceFeet, FoundByFeet
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
@@ -263,7 +263,7 @@ class _SomeFaces:
     def of(
         mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
     ) -> _SomeFaces:
-        rounded = rounding_allowance(mesh, float(largest_coordinates(mesh).max()))
+        rounded = measuring_allowance(mesh, float(largest_coordinates(mesh).max()))
         lone = lone_polygon_bounds(mesh, faces)
         lone[~test.within(lone)] = np.inf
         return _SomeFaces(mesh, faces, vertices, test, rounded, lone, np.zeros(len(faces), dtype=np.intp), tick)

@@ -49,6 +49,8 @@ class Findings:
     surface_to_mesh: bool = True
     is_placed: bool = False
     told: float = 0.0
+    # The number of rounds done of the present way.
+    rounds: int = 0
     # (F,) the distance reached in each control face, or nearly.
     in_faces: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -85,22 +87,25 @@ class Findings:
             self.point, self.nearest = points[best].copy(), nearest[best].copy()
             self.face, self.triangle, self.surface_to_mesh = int(faces[best]), int(triangles[best]), surface_to_mesh
 
-    def goals(self, faces: IndexArray, rounds: int) -> FloatArray:
-        """(N,): the largest bounds near enough to the distances reached, in all and in each of the faces (N,), after a
-        number of rounds."""
-        if rounds >= ROUNDS_FOR_FACES:
+    def goals(self, faces: IndexArray) -> FloatArray:
+        """(N,): the largest bounds near enough to the distances reached, in all and in each of the faces (N,)."""
+        if self.rounds >= ROUNDS_FOR_FACES:
             return np.full(len(faces), self.target)
         in_faces = self.in_faces[faces] + SHARE_OF_LARGEST * self.reached
         return np.maximum(np.minimum(self.target, in_faces), max(self.floor, self.enough))
 
-    def report_round(self, half: int, number: int, share: float) -> None:
+    def report_round(self, half: int, share: float) -> None:
         """Report progress, with the rest unknown: every round takes half of the rest of its half."""
-        self.told = (half + 1 - 0.5 ** (number + share)) / 2
+        self.told = (half + 1 - 0.5 ** (self.rounds + share)) / 2
         self.tick()
 
     def tick(self) -> None:
         """Report no further progress; the caller may raise to stop."""
         self.report(self.told)
+
+    def must_end(self, pieces: int, share: float = 1.0) -> bool:
+        """Whether the search has to end, as of ``is_exhausted``; everything is examined once if there is the time."""
+        return self.is_exhausted(pieces, share) if self.rounds else self.is_late(share)
 
     def is_exhausted(self, pieces: int, share: float = 1.0) -> bool:
         """Whether a number of pieces, or the time since the beginning, uses up this share of the allowed one."""

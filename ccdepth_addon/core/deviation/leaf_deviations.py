@@ -56,10 +56,10 @@ class LeafFindings(Findings):
         """The limit: no reached distance is sought."""
         return np.inf
 
-    def goals(self, faces: IndexArray, rounds: int) -> FloatArray:
+    def goals(self, faces: IndexArray) -> FloatArray:
         """(N,): the limit, or no bound for leaves beyond the limit or undecided after many rounds."""
         reached = _largest(self.groups, self.in_faces)[faces]
-        return np.where((reached > self.limit) | (rounds >= MOST_ROUNDS), np.inf, self.limit)
+        return np.where((reached > self.limit) | (self.rounds >= MOST_ROUNDS), np.inf, self.limit)
 
 
 @dataclass(frozen=True)
@@ -123,12 +123,12 @@ class DrawnLeaves:
         without a bound within the limit. rounded: the rounding allowance."""
         if not self.are_quads:
             return np.full(len(self.points), np.inf)
-        pieces = self._unsplit_pieces()
-        found = mapped_bounds(pieces, self.points, self.is_turned, limit - rounded)
-        if self.is_folded.any():
+        found = mapped_bounds(self._unsplit_pieces(), self.points, self.is_turned, limit - rounded)
+        if np.any(either := self.is_folded & (found <= limit - rounded)):
             # Either diagonal may be drawn.
-            others = mapped_bounds(pieces, self.points, ~self.is_turned, limit - rounded)
-            found[self.is_folded] = np.maximum(found, others)[self.is_folded]
+            some = self.keep(either)
+            others = mapped_bounds(some._unsplit_pieces(), some.points, ~some.is_turned, limit - rounded)
+            found[either] = np.maximum(found[either], others)
         return found + rounded
 
     def surface_beyond(self, chosen: IndexArray, drawn: DrawnLeaves, limit: float) -> tuple[IndexArray, FloatArray]:

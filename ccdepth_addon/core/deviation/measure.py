@@ -13,6 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
+from ..bounds.rounding import largest_valence
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import validate
 from ..progress import Progress, no_report
@@ -97,7 +98,7 @@ def measure_deviation(
     _check(positions, triangles)
     proofs = KeptProofs() if proofs is None else proofs
     origin, size = _frame(control, positions, triangles, proofs.origin)
-    allowance = rounding_allowance(control, size)
+    allowance = measuring_allowance(control, size)
     if max_pieces is None:
         max_pieces = PIECES_OF_EACH * (len(triangles) + len(control.corner_vertices)) + PIECES_BESIDES
     findings = Findings(
@@ -126,14 +127,14 @@ def measure_deviation(
     return _deviation(surface, other_way, triangle_faces, origin)
 
 
-def rounding_allowance(control: PolygonMesh, size: float) -> float:
+def measuring_allowance(control: PolygonMesh, size: float) -> float:
     """The largest distance that double-precision rounding can hide, in the unit of the positions. docs/deviation.md,
     Rounding.
 
     size: the largest coordinate, seen from the middle of both. Positions in the scene themselves carry three roundings
     of ``rounded_size``.
     """
-    terms = 2 * max(int(control.vertex_face_counts.max(initial=0)), int(control.face_sizes.max(initial=0))) + 1
+    terms = 2 * largest_valence(control) + 1
     return (128 * (2 * terms + 8) + 2**14) * 2.0**-53 * size + 4 * 2.0**-53 * control.rounded_size
 
 

@@ -14,7 +14,7 @@ from ..arrays.vectors import dot_products, lengths, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, first_of_each
-from .columns import NONE, Table, columns
+from .columns import Table, columns
 from .covering_pieces import EXCESS_SHARE, over_pieces
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles, distance_slack, to_quads, to_triangles
@@ -175,12 +175,12 @@ class MeshToSurface:
         none."""
         self.surface, self.findings, self.mesh, self.owners = surface, surface.findings, mesh, owners
         self.whole = whole
-        self.rounds = 0
         self.upper = np.zeros(self.mesh.count)
         self.face_upper = np.zeros(face_count)
 
     def settle(self, triangles: IndexArray) -> None:
         """Split triangles, first the given ones, and pieces until proved and reached distances are near each other."""
+        self.findings.rounds = 0
         corners = self.mesh.points[:, triangles].swapaxes(0, 1)
         parts = Parts.unknown(corners, triangles, np.full(len(triangles), self.whole))
         leaves = Leaves.of(self.surface.pieces, self.findings.tick)
@@ -189,22 +189,16 @@ class MeshToSurface:
             if self.surface.pieces.count > GROWN * leaves.count:
                 leaves = Leaves.of(self.surface.pieces, self.findings.tick)
             for done, block in enumerate(index_chunks(np.arange(len(parts.owners)), FEW_AT_ONCE)):
-                if self._must_end(parts):
+                if self.findings.must_end(self.surface.pieces.count + len(parts.owners)):
                     self._record(parts)
                     return
                 self._bound(leaves, parts, block)
-                self.findings.report_round(1, self.rounds, done * FEW_AT_ONCE / len(parts.owners))
+                self.findings.report_round(1, done * FEW_AT_ONCE / len(parts.owners))
             self._reach(leaves, parts)
             wanted = parts.bounds > self._goals(parts)
             self._record(parts.at(~wanted))
             parts = self._split(parts.at(wanted))
-            self.rounds += 1
-
-    def _must_end(self, parts: Parts) -> bool:
-        """Whether the search has to end; every part is examined once if there is the time."""
-        if self.rounds == 0:
-            return self.findings.is_late()
-        return self.findings.is_exhausted(self.surface.pieces.count + len(parts.owners))
+            self.findings.rounds += 1
 
     def _split(self, parts: Parts) -> Parts:
         """Split the pieces with too large an excess, those that are large beside their parts, and other parts."""
@@ -212,25 +206,22 @@ class MeshToSurface:
         sizes = lengths(np.ptp(parts.corners, axis=1))
         of_leaves = lengths(pieces.high[parts.leaves] - pieces.low[parts.leaves])
         self._split_blamed(EXCESS_SHARE * self._goals(parts).min(initial=np.inf))
-        used = np.unique(parts.leaves[of_leaves > FINE_SHARE * sizes])
-        self.surface.split(used[pieces.first_child[used] == NONE])
+        self.surface.split(np.unique(parts.leaves[of_leaves > FINE_SHARE * sizes]))
         fine = (of_leaves <= COARSE_SHARE * sizes) & ~parts.is_waiting
         return parts.at(~fine).joined([parts.at(fine).quarters()])
 
     def _split_blamed(self, most: float) -> None:
         """Split the pieces over parts that have too large an excess, and their children with an excess beyond most."""
-        pieces = self.surface.pieces
-        blamed = self.blamed[pieces.first_child[self.blamed] == NONE]
         for _ in range(DEEPER):
-            children = self.surface.split(blamed)
-            blamed = children[pieces.excess[children] > most]
+            children = self.surface.split(self.blamed)
+            self.blamed = children[self.surface.pieces.excess[children] > most]
 
     def _record(self, parts: Parts) -> None:
         np.maximum.at(self.upper, parts.owners, parts.bounds)
         np.maximum.at(self.face_upper, self.surface.pieces.faces[parts.leaves], parts.bounds)
 
     def _goals(self, parts: Parts) -> FloatArray:
-        return self.findings.goals(self._faces(parts), self.rounds)
+        return self.findings.goals(self._faces(parts))
 
     def _faces(self, parts: Parts) -> IndexArray:
         """(N,): the face that the distances of each part are findings of."""
@@ -274,8 +265,7 @@ class MeshToSurface:
             self.findings.tick()
             if not coarse.any() or self.findings.is_exhausted(pieces.count):
                 break
-            split_now = np.unique(which[coarse])
-            self.surface.split(split_now[pieces.first_child[split_now] == NONE])
+            self.surface.split(np.unique(which[coarse]))
             children = pieces.children(which[coarse])
             which = np.concatenate([which[~coarse], children.ravel()])
             rows = np.concatenate([rows[~coarse], np.repeat(rows[coarse], 4)])

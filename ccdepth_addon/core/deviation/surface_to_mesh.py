@@ -13,7 +13,7 @@ from ..arrays.vectors import lengths, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
 from .box_tree import first_of_each
-from .columns import Table
+from .columns import NONE, Table
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles
@@ -59,31 +59,25 @@ class SurfaceToMesh:
         self.upper = np.full(pieces.count, whole)
         self.triangles = np.zeros(pieces.count, dtype=np.intp)
         self.nearest = np.zeros(pieces.count, dtype=np.intp)
-        self.rounds = 0
 
     def settle(self, active: IndexArray) -> None:
         """Split pieces, first the given ones, until proved and reached distances are near each other."""
+        self.findings.rounds = 0
         while len(active):
             # The largest reached distance tells which bounds are good enough.
             for work, share in ((self._look, 0.0), (self._bound, 0.5)):
                 for done, block in enumerate(index_chunks(active, FEW_AT_ONCE)):
-                    if self._must_end():
+                    if self.findings.must_end(self.pieces.count, SHARE_OF_LIMITS):
                         return
                     work(block)
                     done_here = min((done + 1) * FEW_AT_ONCE / len(active), 1.0)
-                    self.findings.report_round(0, self.rounds, share + done_here / 2)
+                    self.findings.report_round(0, share + done_here / 2)
             active = self.split(active[self._is_too_far(active)])
-            self.rounds += 1
-
-    def _must_end(self) -> bool:
-        """Whether the search has to end: a share is left for the other way, and every piece is examined once if there
-        is the time."""
-        if self.rounds == 0:
-            return self.findings.is_late(SHARE_OF_LIMITS)
-        return self.findings.is_exhausted(self.pieces.count, SHARE_OF_LIMITS)
+            self.findings.rounds += 1
 
     def split(self, pieces: IndexArray) -> IndexArray:
-        """(4n,) intp: the children, with the bounds of their parents."""
+        """(4n,) intp: the children of those of some pieces that are not split yet, with the bounds of their parents."""
+        pieces = pieces[self.pieces.first_child[pieces] == NONE]
         if not len(pieces):
             return pieces
         children = self.pieces.split(pieces)
@@ -129,7 +123,7 @@ class SurfaceToMesh:
             np.maximum.at(findings.in_faces, np.repeat(pieces.faces[farthest], 4), found.distances)
 
     def _goals(self, block: IndexArray) -> FloatArray:
-        return self.findings.goals(self.pieces.faces[block], self.rounds)
+        return self.findings.goals(self.pieces.faces[block])
 
     def _bound_by_heights(self, block: IndexArray, nearest: IndexArray) -> BoolArray:
         """Bound pieces by heights along the normal of the nearest triangle, and if the bound is not near enough along
