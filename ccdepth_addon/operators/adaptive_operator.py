@@ -7,9 +7,8 @@ from functools import partial
 import bpy
 
 from ..exchange.modifiers import counted_modifiers, has_own_keys, left_out_sculpting
-from ..state import heat_map, known, properties, result_record
+from ..state import known, properties, result_record
 from ..state.chosen import chosen
-from ..state.heat_map import Shown
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
@@ -143,9 +142,7 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = chosen(context)
         refuse(objects, self._fault)
-        status = yield from self.make(context, objects, objects, instead if self.output == "IN_PLACE" else beside)
-        heat_map.show(context, Shown.DISTANCE)
-        return status
+        return (yield from self.make(context, objects, objects, instead if self.output == "IN_PLACE" else beside))
 
     def _fault(self, blender_object: bpy.types.Object) -> str | None:
         if not self.subdivide_results and result_record.is_adaptive(blender_object):

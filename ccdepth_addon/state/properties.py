@@ -102,7 +102,7 @@ HEAT_MAP_ITEMS = (
     (
         "DEPTH",
         "Depth",
-        "How many levels each face needs; on a result, the levels of the original face",
+        "How many levels each face needs",
         1,
     ),
     ("DISTANCE", "Distance", "The proved largest distance of each face from the limit surface", 2),

@@ -8,7 +8,7 @@ import bpy
 from ..exchange.modifiers import has_own_keys
 from ..state import known, out_of_date, result_record
 from ..state.chosen import chosen
-from .facts import angles_fact, count_fact, draw_facts, facts_of, made_objects, short_count
+from .facts import angles_fact, count_fact, counts_of, draw_facts, facts_of, made_objects, short_count
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
 from .sidebar import SidebarPanel, draw_alert, settings_column
 
@@ -17,43 +17,32 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
     bl_label = "Make"
     bl_parent_id = "CCDEPTH_PT_settings"
 
-    def draw_header_preset(self, context: bpy.types.Context) -> None:
-        if any(each.data.ccdepth.has_result for each in made_objects(context)):
-            self.layout.operator("ccdepth.clear", icon="X", emboss=False)
-
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         settings, active = context.scene.ccdepth, context.active_object
         made = made_objects(context)
         results = [each for each in made if result_record.is_result(each)]
-        if results:
+        is_applied = not results or settings.subdivide_results
+        if results or (active is not None and out_of_date.has_results(active)):
             draw_main_button(layout, "ccdepth.update", "FILE_REFRESH")
-            layout.operator("ccdepth.before_after", icon="LOOP_BACK")
         if len(made) == 1:
             _draw_made(layout, context, made[0])
         elif made:
             draw_object_rows(layout, made, lambda each: result_line(settings, each))
-        if not results or settings.subdivide_results:
+        if is_applied:
             draw_main_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
-        if not results and active is not None and out_of_date.has_results(active):
-            # At the same place as with the result shown, so that the mouse stays.
-            layout.operator("ccdepth.before_after", icon="LOOP_FORWARDS")
-            layout.operator("ccdepth.update", icon="FILE_REFRESH")
-        _draw_face_count(layout, context)
-        budget = layout.column(align=True)
-        # What Reduce saves is known once it has run.
-        budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
-        budget.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
         column = settings_column(layout)
-        output = column.column()
-        output.active = not results or settings.subdivide_results
-        output.prop(settings, "output")
+        if is_applied:
+            column.prop(settings, "output")
         column.prop(settings, "shading_angle")
         column.prop(settings, "facet_angle")
         column.prop(settings, "reduce")
         _draw_keys_line(column, context)
-        if made:
-            column.prop(settings, "subdivide_results")
+        _draw_face_count(layout, context)
+        budget = settings_column(layout).row(align=True)
+        # What Reduce saves is known once it has run.
+        budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
+        budget.operator("ccdepth.find_tolerance", text="", icon="VIEWZOOM")
 
 
 class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
@@ -72,6 +61,7 @@ class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
         normals.active = settings.shading_angle == 0
         normals.prop(settings, "exact_normals")
         column.prop(settings, "max_faces")
+        column.prop(settings, "subdivide_results")
 
 
 def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy.types.Object) -> None:
@@ -82,13 +72,13 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
     else:
         draw_state_line(layout, result_line(settings, made))
     if source is not None:
-        row = layout.row()
-        row.label(text=source.name, icon="OUTLINER_OB_MESH")
-        row.prop(made.ccdepth, "keep_updated")
+        layout.label(text=f"From {source.name}", icon="OUTLINER_OB_MESH", translate=False)
+        settings_column(layout).prop(made.ccdepth, "keep_updated")
     if made.data.has_custom_normals:
         layout.operator("ccdepth.remove_normals", icon="NORMALS_VERTEX_FACE")
     if made.data.ccdepth.has_result:
-        draw_facts(layout, facts_of(context.scene, made.data.ccdepth))
+        counts = counts_of(made.data, None if source is None else source.data)
+        draw_facts(layout, [*counts, *facts_of(context.scene, made.data.ccdepth)[1:]], "make")
 
 
 def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

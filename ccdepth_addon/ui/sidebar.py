@@ -16,6 +16,10 @@ class SidebarPanel:
     bl_category = "CC Depth"
 
 
+# The part of a row that names take, as in Blender's own columns of settings.
+NAME_PART = 0.4
+
+
 def settings_column(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     """A column of settings with names at the left, like Blender's own, and without dots for keyframes."""
     column = layout.column()

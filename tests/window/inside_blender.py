@@ -172,6 +172,8 @@ def show(state: str) -> None:
             bpy.ops.wm.save_as_mainfile(filepath=str(REPORT.with_suffix(".blend")))
         elif state == "deleted":
             bpy.data.objects.remove(suzanne)
+        elif state == "cleared":
+            bpy.ops.ccdepth.clear()
         elif state in {"hidden", "shown"}:
             suzanne.hide_set(state == "hidden")
         elif state in {"overlays", "no overlays"}:
