@@ -11,6 +11,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 from ..state import properties
 from ..tasks.surfaces import ComputeError, refuse_bad_angles, refuse_bad_tolerance
 from ..ui.manual import PAGE
+from ..ui.sidebar import running
 
 
 class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
@@ -88,6 +89,20 @@ class CCDEPTH_OT_copy_value(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         context.window_manager.clipboard = self.value
         self.report({"INFO"}, f"Copied {self.value}")
+        return {"FINISHED"}
+
+
+class CCDEPTH_OT_cancel(bpy.types.Operator):
+    """End the run, and change nothing"""
+
+    bl_idname = "ccdepth.cancel"
+    bl_label = "Cancel"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        run = running()
+        if run is not None:
+            run.is_cancelled = True
         return {"FINISHED"}
 
 

@@ -10,7 +10,7 @@ from ..state import known, out_of_date, result_record
 from ..state.chosen import chosen
 from .facts import angles_fact, count_fact, counts_of, draw_facts, facts_of, made_objects, short_count
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
-from .sidebar import SidebarPanel, draw_alert, settings_column
+from .sidebar import SidebarPanel, draw_alert, draw_button, settings_column
 
 
 class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
@@ -93,7 +93,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     settings = context.scene.ccdepth
     count = known.count_to_make(chosen(context), settings)
     if count is None:
-        layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
+        draw_button(layout, "ccdepth.count_faces", "LINENUMBERS_ON")
         return
     if not count.are_too_many:
         facts = [count_fact(count.faces, reduced=settings.reduce)]

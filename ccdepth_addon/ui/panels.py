@@ -20,7 +20,7 @@ from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, faces_by_depth, facts_of, refused_objects, share_text, totals, with_depths
 from .lengths import count_text
 from .manual import draw_manual_button
-from .sidebar import NAME_PART, SidebarPanel, draw_alert, settings_column
+from .sidebar import NAME_PART, SidebarPanel, draw_alert, draw_button, settings_column
 from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
 
 SWATCH_SIZE = 16
@@ -217,7 +217,7 @@ def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> No
     """The main button of a panel."""
     button = layout.column()
     button.scale_y = 1.4
-    button.operator(operator, icon=icon)
+    draw_button(button, operator, icon)
 
 
 def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:

@@ -83,6 +83,11 @@ class Window:
     def move_mouse(self, x: int, y: int) -> None:
         self._run("xdotool", "mousemove", str(x), str(y))
 
+    def nudge_mouse(self) -> None:
+        """Move it by a pixel, and let Blender see that."""
+        self._run("xdotool", "mousemove_relative", "1", "0")
+        self.settle()
+
     def click(self) -> None:
         """Press and release as slowly as a hand does, and as Blender is: a faster click is not noticed."""
         self.settle()
@@ -219,6 +224,8 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
     window.click()
     report = window.wait_for(lambda report: report["has_result"], SECONDS_TO_ANSWER, "a result")
     time.sleep(1.0)
+    # Where the bar was, a button is found when the mouse is moved.
+    window.nudge_mouse()
     assert "bpy.ops.ccdepth.compute" in window.report()["hovered"], "the button has moved away from under the mouse"
     # The next button is there without scrolling.
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
@@ -400,7 +407,7 @@ def test_find_tolerance_sets_the_tolerance_for_a_number_of_faces_that_was_typed(
     started = find_first(window, ".face_budget")
     window.type_number(9000)
     window.wait_for(lambda report: report["face_budget"] == 9000, SECONDS_TO_ANSWER, "the number of faces")
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.find_tolerance(", across=0.95, press=True)
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.find_tolerance(", across=0.83, press=True)
     found = window.wait_for(lambda report: report["tolerance"] > 2e-4, SECONDS_TO_ANSWER, "a coarser tolerance")
     assert found["objects"] == started["objects"]
 
@@ -438,6 +445,28 @@ def test_escape_stops_a_long_run_that_shows_how_far_it_is_and_nothing_is_changed
     time.sleep(1.0)
     ended = window.look(tmp_path / "ended.png")
     assert np.abs(status_bar(ended) - status_bar(before)).max() < COLOR_TOLERANCE
+
+
+@pytest.mark.parametrize("window", [{"TOLERANCE": "2e-6"}], indirect=True)
+def test_during_a_run_its_button_has_cancel_and_no_other_button_works(window: Window) -> None:
+    started = find_first(window, "bpy.ops.ccdepth.subdivide", press=True)
+    assert started["can_measure"]
+    window.wait_for(lambda report: "CCDEPTH_OT_subdivide" in report["running"], SECONDS_TO_ANSWER, "work in steps")
+    assert not window.wait_for(lambda report: report["running"], SECONDS_TO_BEGIN, "the run")["can_measure"]
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.cancel", across=0.83, press=True)
+    stopped = window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the end of it")
+    assert (stopped["objects"], stopped["can_measure"]) == (started["objects"], True)
+
+
+@pytest.mark.parametrize("window", [{"TOLERANCE": "2e-6"}], indirect=True)
+def test_a_run_ends_with_the_window_that_it_was_started_in(window: Window) -> None:
+    started = find_first(window, "bpy.ops.ccdepth.compute")
+    window.ask("state", "run in second window")
+    window.wait_for(lambda report: not report["can_measure"], SECONDS_TO_ANSWER, "the run")
+    window.ask("state", "second window closed")
+    ended = window.wait_for(lambda report: report["can_measure"], SECONDS_TO_ANSWER, "the end of it")
+    assert (ended["objects"], ended["running"]) == (started["objects"], [])
+    assert "Traceback" not in window.report_path.with_name("blender.log").read_text(errors="replace")
 
 
 @pytest.mark.parametrize("window", [{"TOLERANCE": "2e-6"}], indirect=True)
