@@ -279,9 +279,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             if self._run.is_working:
                 self._save_if_wanted()
         # The mouse may press Cancel.
-        is_free = event.type in NAVIGATION_EVENTS or (
-            event.type == "LEFTMOUSE" and sidebar.is_over_tab(context, event)
-        )
+        is_free = event.type in NAVIGATION_EVENTS or (event.type == "LEFTMOUSE" and sidebar.is_over_tab(context, event))
         return {"PASS_THROUGH"} if is_free else {"RUNNING_MODAL"}
 
     def _show_progress(self, context: bpy.types.Context) -> None:

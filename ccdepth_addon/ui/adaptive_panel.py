@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.modifiers import has_own_keys
+from ..exchange.modifiers import counted_modifiers, has_own_keys
 from ..state import known, out_of_date, result_record
 from ..state.chosen import chosen
 from .facts import angles_fact, count_fact, counts_of, draw_facts, facts_of, made_objects, short_count
@@ -31,6 +31,7 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             draw_object_rows(layout, made, lambda each: result_line(settings, each))
         if is_applied:
             draw_main_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
+            _draw_applied(layout, context)
         column = settings_column(layout)
         if is_applied:
             column.prop(settings, "output")
@@ -79,6 +80,16 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
     if made.data.ccdepth.has_result:
         counts = counts_of(made.data, None if source is None else source.data)
         draw_facts(layout, [*counts, *facts_of(context.scene, made.data.ccdepth)[1:]], "make")
+
+
+def _draw_applied(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """The modifiers of the active object that Apply Adaptive Subdivision applies."""
+    active, use_modifiers = context.active_object, context.scene.ccdepth.use_modifiers
+    if active is not None and active.type == "MESH":
+        applied = counted_modifiers(active, use_modifiers=use_modifiers)
+        names = ["the pose" if each.type == "ARMATURE" else each.name for each in applied]
+        if names:
+            layout.label(text=f"Applies {', '.join(names)}", icon="MODIFIER", translate=False)
 
 
 def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -449,7 +449,7 @@ SECTIONS = {
 def test_the_menu_has_every_operator_that_people_start() -> None:
     entries = [entry[0] for entry in addon.module("ui.manual").ENTRIES if entry is not None]
     assert len(set(entries)) == len(entries)
-    hidden = {"update_kept", "use_tolerance", "tolerance_preset_add", "copy_value", "open_manual", "cancel"}
+    hidden = {"update_kept", "use_preset", "tolerance_preset_add", "copy_value", "open_manual", "cancel"}
     assert {name.partition(".")[2] for name in entries} == set(dir(bpy.ops.ccdepth)) - hidden
 
 
