@@ -9,7 +9,7 @@ from ..exchange.modifiers import counted_modifiers, has_own_keys
 from ..state import known, out_of_date, result_record
 from ..state.chosen import chosen
 from .facts import angles_fact, count_fact, counts_of, draw_facts, facts_of, made_objects, short_count
-from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
+from .panels import UP_TO_DATE, draw_main_button, draw_object_rows, draw_state_line, result_line
 from .sidebar import SidebarPanel, draw_alert, draw_button, settings_column
 
 
@@ -39,11 +39,13 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
         column.prop(settings, "facet_angle")
         column.prop(settings, "reduce")
         _draw_keys_line(column, context)
-        _draw_face_count(layout, context)
         budget = settings_column(layout).row(align=True)
         # What Reduce saves is known once it has run.
         budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
         budget.operator("ccdepth.find_tolerance", text="", icon="VIEWZOOM")
+        # Of results that are up to date, the number is told already.
+        if is_applied or any(result_line(settings, each) for each in results):
+            _draw_face_count(layout, context)
 
 
 class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
@@ -63,6 +65,8 @@ class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
         normals.prop(settings, "exact_normals")
         column.prop(settings, "max_faces")
         column.prop(settings, "subdivide_results")
+        if any(each.data.has_custom_normals for each in made_objects(context)):
+            self.layout.operator("ccdepth.remove_normals", icon="NORMALS_VERTEX_FACE")
 
 
 def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy.types.Object) -> None:
@@ -71,12 +75,10 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
     if result_record.is_result(made) and source is None:
         draw_state_line(layout, "Its source has been removed")
     else:
-        draw_state_line(layout, result_line(settings, made))
+        up_to_date = UP_TO_DATE if source is None else f"{UP_TO_DATE} with {source.name}"
+        draw_state_line(layout, result_line(settings, made), up_to_date)
     if source is not None:
-        layout.label(text=f"From {source.name}", icon="OUTLINER_OB_MESH", translate=False)
         settings_column(layout).prop(made.ccdepth, "keep_updated")
-    if made.data.has_custom_normals:
-        layout.operator("ccdepth.remove_normals", icon="NORMALS_VERTEX_FACE")
     if made.data.ccdepth.has_result:
         counts = counts_of(made.data, None if source is None else source.data)
         draw_facts(layout, [*counts, *facts_of(context.scene, made.data.ccdepth)[1:]], "make")

@@ -139,7 +139,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
         Fact("Tolerance", tolerance, ALLOWED, is_detail=True),
         Fact("Distance", largest, proved),
         *angles,
-        *([Fact("Narrow Parts", narrow, NARROW)] if record.narrow_leaves else []),
+        *([Fact("Narrow Parts", narrow, NARROW, is_detail=True)] if record.narrow_leaves else []),
     ]
 
 
@@ -174,13 +174,14 @@ def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup
 def counts_of(mesh: bpy.types.Mesh, source: bpy.types.Mesh | None) -> list[Fact]:
     """The size of an adaptive mesh, beside that of the level with which all faces of its source are as near."""
     faces, record = len(mesh.polygons), None if source is None else source.ccdepth
-    text, meaning = f"{faces:,}", "How many faces the result has"
+    share = []
     if record is not None and record.uniform_level > 0 and record.world_tolerance == mesh.ccdepth.world_tolerance:
-        text += f", {_percent(faces / int(record.uniform_faces))} of level {record.uniform_level}"
-        meaning += ", beside the whole mesh at the first level that is enough for all faces"
+        meaning = "The faces in parts of those of the whole mesh at the first level that is enough for all faces"
+        share = [Fact(f"Of Level {record.uniform_level}", _percent(faces / int(record.uniform_faces)), meaning)]
     triangles = f"{len(mesh.loops) - 2 * faces:,}"
     return [
-        Fact("Faces", text, meaning),
+        Fact("Faces", f"{faces:,}", "How many faces the result has"),
+        *share,
         Fact("Triangles", triangles, "How many triangles Blender and exporters make of the faces"),
         Fact("Vertices", f"{len(mesh.vertices):,}", "How many vertices the result has", is_detail=True),
     ]

@@ -31,6 +31,8 @@ RESULT_EDITED = "Result edited; Update keeps your version"
 # The line for values that depend on data which may have changed before the file was opened.
 NOT_CHECKED = "Not checked since opening"
 
+UP_TO_DATE = "Up to date"
+
 # The largest length of the list of several objects.
 MOST_OBJECTS = 8
 
@@ -140,7 +142,7 @@ def _draw_objects(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     elif objects[0].select_get() or context.mode == "EDIT_MESH":
         layout.label(text=objects[0].name, icon="OBJECT_DATA", translate=False)
     else:
-        layout.label(text=f"{objects[0].name}: active, not selected", icon="INFO", translate=False)
+        layout.label(text=f"Not selected: {objects[0].name}", icon="INFO", translate=False)
 
 
 def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -220,13 +222,13 @@ def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> No
     draw_button(button, operator, icon)
 
 
-def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
-    """The reason why something is out of date, or “Up to date”: a line either way, so that nothing below moves; two
-    lines for a text of two parts."""
+def draw_state_line(layout: bpy.types.UILayout, stale: str, up_to_date: str = UP_TO_DATE) -> None:
+    """The reason why something is out of date, or that it is up to date: a line either way, so that nothing below
+    moves; two lines for a text of two parts."""
     column = layout.column(align=True)
     column.alert = bool(stale)
-    first, *others = (stale or "Up to date").split("; ")
-    column.label(text=first, icon="ERROR" if stale else "CHECKMARK")
+    first, *others = stale.split("; ") if stale else [up_to_date]
+    column.label(text=first, icon="ERROR" if stale else "CHECKMARK", translate=False)
     for other in others:
         column.label(text=other, icon="BLANK1")
 
