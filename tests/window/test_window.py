@@ -367,6 +367,9 @@ def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> 
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.before_after", press=True)
     wait_for_object(window, "Suzanne", "the source", lambda found: found["visible"] and found["selected"])
     hidden = wait_for_object(window, "Suzanne Adaptive", "it being hidden", lambda found: not found["visible"])
+    time.sleep(1.0)
+    window.nudge_mouse()
+    assert "bpy.ops.ccdepth.before_after" in window.report()["hovered"], "the button has moved away"
     window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
     for key in ("Tab", "a", "g", "z", "3", "Return"):
         time.sleep(0.5)
