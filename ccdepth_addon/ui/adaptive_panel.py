@@ -80,8 +80,8 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
     if source is not None:
         settings_column(layout).prop(made.ccdepth, "keep_updated")
     if made.data.ccdepth.has_result:
-        counts = counts_of(made.data, None if source is None else source.data)
-        draw_facts(layout, [*counts, *facts_of(context.scene, made.data.ccdepth)[1:]], "make")
+        faces, *others = facts_of(context.scene, made.data.ccdepth)
+        draw_facts(layout, [faces, *counts_of(made.data, None if source is None else source.data), *others], "make")
 
 
 def _draw_applied(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -172,7 +172,8 @@ def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup
 
 
 def counts_of(mesh: bpy.types.Mesh, source: bpy.types.Mesh | None) -> list[Fact]:
-    """The size of an adaptive mesh, beside that of the level with which all faces of its source are as near."""
+    """The size of an adaptive mesh besides its faces, and these in parts of the level at which all faces of its source
+    are as near."""
     faces, record = len(mesh.polygons), None if source is None else source.ccdepth
     share = []
     if record is not None and record.uniform_level > 0 and record.world_tolerance == mesh.ccdepth.world_tolerance:
@@ -180,7 +181,6 @@ def counts_of(mesh: bpy.types.Mesh, source: bpy.types.Mesh | None) -> list[Fact]
         share = [Fact(f"Of Level {record.uniform_level}", _percent(faces / int(record.uniform_faces)), meaning)]
     triangles = f"{len(mesh.loops) - 2 * faces:,}"
     return [
-        Fact("Faces", f"{faces:,}", "How many faces the result has"),
         *share,
         Fact("Triangles", triangles, "How many triangles Blender and exporters make of the faces"),
         Fact("Vertices", f"{len(mesh.vertices):,}", "How many vertices the result has", is_detail=True),

@@ -294,7 +294,8 @@ def test_counts_and_shares() -> None:
 
 def test_a_result_is_compared_with_the_level_that_is_enough_for_all_faces() -> None:
     def counts(made: bpy.types.Object) -> dict[str, str]:
-        found = addon.module("ui.facts").counts_of(made.data, holder.data)
+        facts = addon.module("ui.facts")
+        found = [*facts.facts_of(bpy.context.scene, made.data.ccdepth), *facts.counts_of(made.data, holder.data)]
         return {fact.name: fact.value for fact in found}
 
     holder = scene.add_suzanne()
