@@ -42,7 +42,7 @@ def depth() -> None:
 
 
 def adaptive() -> None:
-    suzanne()
+    suzanne().data.shade_smooth()
     bpy.ops.ccdepth.subdivide()
 
 

@@ -10,9 +10,8 @@ import bpy
 
 from ..exchange.data_blocks import removed_on_failure
 from ..exchange.modifiers import counted_modifiers, has_own_keys, left_out_sculpting
-from ..state import heat_map, known, properties, result_record, switch_distances
+from ..state import known, properties, result_record, switch_distances
 from ..state.chosen import chosen
-from ..state.heat_map import Shown
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import FINEST, AdaptiveSettings, AdaptiveTask, Level, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
@@ -192,11 +191,7 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
 
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         objects = chosen(context)
-        objects = chosen(context)
-        way = way_to_place(objects, self)
-        status = yield from self.make(context, finest(objects), way)
-        heat_map.show(context, Shown.DISTANCE)
-        return status
+        return (yield from self.make(context, finest(objects), way_to_place(objects, self)))
 
 
 def way_to_place(objects: list[bpy.types.Object], holder: Any) -> Way:

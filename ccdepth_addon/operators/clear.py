@@ -19,10 +19,10 @@ from .scene_objects import edit_mode_left
 
 
 class CCDEPTH_OT_clear(QuickOperator):
-    """Remove depths, deviations and colours made of them from the mesh"""
+    """Remove depths, distances, deviations and colours made of them from the selected meshes; the meshes stay"""
 
     bl_idname = "ccdepth.clear"
-    bl_label = "Clear"
+    bl_label = "Clear Heat Map Values"
 
     def act(self, context: bpy.types.Context) -> set[str]:
         meshes = {obj.data for obj in chosen(context) if is_writable(obj.data)}

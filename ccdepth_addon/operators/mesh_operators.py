@@ -181,8 +181,11 @@ class MeshOperator(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if cls.not_in_edit_mode and context.mode != "OBJECT":
-            fault: str | None = cls.not_in_edit_mode
+        run = sidebar.running()
+        if run is not None:
+            fault: str | None = f"{run.label} is running; Esc or its Cancel ends it"
+        elif cls.not_in_edit_mode and context.mode != "OBJECT":
+            fault = cls.not_in_edit_mode
         elif context.mode not in {"OBJECT", "EDIT_MESH"}:
             fault = "Works in Object Mode and in Edit Mode"
         else:
@@ -219,6 +222,9 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
     # The session identifiers of the objects without which it is of no use to go on.
     _needed: frozenset[int] = frozenset()
 
+    # The run as the window shows it.
+    _shown: sidebar.Run | None = None
+
     # Whether to save the file as soon as it contains nothing temporary.
     _is_save_wanted = False
 
@@ -250,13 +256,17 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         ended = self._go_on(context, inf if bpy.app.background else PATIENCE_AT_START)
         if ended:
             return ended
+        name = "" if "INTERNAL" in self.bl_options else type(self).bl_idname
+        self._shown = sidebar.Run(name, self.bl_label)
+        self._show_progress(context)
         self._timer = context.window_manager.event_timer_add(SECONDS_BETWEEN_TICKS, window=context.window)
         context.window_manager.modal_handler_add(self)
         context.window.cursor_modal_set("WAIT")
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "ESC":
+        assert self._shown is not None
+        if event.type == "ESC" or self._shown.is_cancelled:
             self.cancel(context)
             self.report({"INFO"}, f"{self.bl_label} was cancelled, and nothing was changed")
             return {"CANCELLED"}
@@ -271,11 +281,19 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
             if ended:
                 self._stop_waiting(context)
                 return ended
+            self._show_progress(context)
             assert self._run is not None
-            sidebar.show_progress(context, self._run.text or self.bl_label, self._run.fraction)
             if self._run.is_working:
                 self._save_if_wanted()
-        return {"PASS_THROUGH"} if event.type in NAVIGATION_EVENTS else {"RUNNING_MODAL"}
+        # The mouse may press Cancel.
+        is_free = event.type in NAVIGATION_EVENTS or (event.type == "LEFTMOUSE" and sidebar.is_over_tab(context, event))
+        return {"PASS_THROUGH"} if is_free else {"RUNNING_MODAL"}
+
+    def _show_progress(self, context: bpy.types.Context) -> None:
+        assert self._run is not None
+        assert self._shown is not None
+        self._shown.text, self._shown.fraction = self._run.text or self.bl_label, self._run.fraction
+        sidebar.show_progress(context, self._shown)
 
     def cancel(self, context: bpy.types.Context) -> None:
         self._stop_waiting(context)
@@ -327,8 +345,9 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
 
     def _stop_waiting(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
-        sidebar.hide_progress(context)
-        # There is none when Blender is closed.
+        assert self._shown is not None
+        sidebar.hide_progress(context, self._shown)
+        # There is none when it is closed.
         if context.window is not None:
             context.window.cursor_modal_restore()
 

@@ -66,10 +66,18 @@ def last_kind(mesh: bpy.types.Mesh) -> Shown | None:
 
 
 def has_shown(mesh: bpy.types.Mesh, kind: Shown) -> bool:
-    """Whether the mesh has values of a kind, with their record."""
+    """Whether the mesh has values of a kind to show, with their record."""
     if kind is Shown.ANGLE:
         return mesh_values.has_angles(mesh)
-    return mesh_values.has_deviation(mesh) if kind is Shown.DEVIATION else mesh_values.has_depths(mesh)
+    if kind is Shown.DEVIATION:
+        return mesh_values.has_deviation(mesh)
+    return mesh_values.has_depths(mesh) and not is_left_out(mesh, kind)
+
+
+def is_left_out(mesh: bpy.types.Mesh, kind: Shown) -> bool:
+    """Whether values of a kind are not shown although the mesh may have them: no depths of an adaptive mesh, so that
+    the mesh itself is seen first."""
+    return kind is Shown.DEPTH and bool(mesh.ccdepth.subdivision)
 
 
 def tolerance_of(mesh: bpy.types.Mesh, kind: Shown) -> float:

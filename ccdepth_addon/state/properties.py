@@ -16,8 +16,9 @@ from ..tasks.surfaces import shortest_decimal, typed_values
 DEFAULT_RELATIVE_TOLERANCE = 0.001
 DEFAULT_ABSOLUTE_TOLERANCE = 0.001
 
-# The place of tolerance presets in folders of presets.
-TOLERANCE_PRESETS = "ccdepth/tolerance"
+# The place of presets in folders of presets, and the settings that a preset holds.
+PRESETS = "ccdepth/tolerance"
+PRESET_SETTINGS = ("tolerance_mode", "relative_tolerance", "tolerance", "shading_angle", "facet_angle", "reduce")
 
 # In radians: at 5° hardly anyone tells highlights from those of the limit surface.
 DEFAULT_SHADING_ANGLE = radians(5)
@@ -102,7 +103,7 @@ HEAT_MAP_ITEMS = (
     (
         "DEPTH",
         "Depth",
-        "How many levels each face needs; on a result, the levels of the original face",
+        "How many levels each face needs",
         1,
     ),
     ("DISTANCE", "Distance", "The proved largest distance of each face from the limit surface", 2),

@@ -5,56 +5,48 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.modifiers import has_own_keys
+from ..exchange.modifiers import counted_modifiers, has_own_keys
 from ..state import known, out_of_date, result_record
 from ..state.chosen import chosen
-from .facts import angles_fact, count_fact, draw_facts, facts_of, made_objects, short_count
-from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
-from .sidebar import SidebarPanel, draw_alert, settings_column
+from .facts import angles_fact, count_fact, counts_of, draw_facts, facts_of, made_objects, short_count
+from .panels import UP_TO_DATE, draw_main_button, draw_object_rows, draw_state_line, result_line
+from .sidebar import SidebarPanel, draw_alert, draw_button, settings_column
 
 
 class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
     bl_label = "Make"
     bl_parent_id = "CCDEPTH_PT_settings"
 
-    def draw_header_preset(self, context: bpy.types.Context) -> None:
-        if any(each.data.ccdepth.has_result for each in made_objects(context)):
-            self.layout.operator("ccdepth.clear", icon="X", emboss=False)
-
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         settings, active = context.scene.ccdepth, context.active_object
         made = made_objects(context)
         results = [each for each in made if result_record.is_result(each)]
-        if results:
+        is_applied = not results or settings.subdivide_results
+        if results or (active is not None and out_of_date.has_results(active)):
             draw_main_button(layout, "ccdepth.update", "FILE_REFRESH")
-            layout.operator("ccdepth.before_after", icon="LOOP_BACK")
         if len(made) == 1:
             _draw_made(layout, context, made[0])
         elif made:
             draw_object_rows(layout, made, lambda each: result_line(settings, each))
-        if not results or settings.subdivide_results:
+        if is_applied:
             draw_main_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
-        if not results and active is not None and out_of_date.has_results(active):
-            # At the same place as with the result shown, so that the mouse stays.
-            layout.operator("ccdepth.before_after", icon="LOOP_FORWARDS")
-            layout.operator("ccdepth.update", icon="FILE_REFRESH")
+            _draw_applied(layout, context)
         layout.operator("ccdepth.export_within", icon="EXPORT")
-        _draw_face_count(layout, context)
-        budget = layout.column(align=True)
-        # What Reduce saves is known once it has run.
-        budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
-        budget.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
         column = settings_column(layout)
-        output = column.column()
-        output.active = not results or settings.subdivide_results
-        output.prop(settings, "output")
+        if is_applied:
+            column.prop(settings, "output")
         column.prop(settings, "shading_angle")
         column.prop(settings, "facet_angle")
         column.prop(settings, "reduce")
         _draw_keys_line(column, context)
-        if made:
-            column.prop(settings, "subdivide_results")
+        budget = settings_column(layout).row(align=True)
+        # What Reduce saves is known once it has run.
+        budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
+        budget.operator("ccdepth.find_tolerance", text="", icon="VIEWZOOM")
+        # Of results that are up to date, the number is told already.
+        if is_applied or any(result_line(settings, each) for each in results):
+            _draw_face_count(layout, context)
 
 
 class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
@@ -73,6 +65,9 @@ class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
         normals.active = settings.shading_angle == 0
         normals.prop(settings, "exact_normals")
         column.prop(settings, "max_faces")
+        column.prop(settings, "subdivide_results")
+        if any(each.data.has_custom_normals for each in made_objects(context)):
+            self.layout.operator("ccdepth.remove_normals", icon="NORMALS_VERTEX_FACE")
 
 
 def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy.types.Object) -> None:
@@ -81,15 +76,23 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
     if result_record.is_result(made) and source is None:
         draw_state_line(layout, "Its source has been removed")
     else:
-        draw_state_line(layout, result_line(settings, made))
+        up_to_date = UP_TO_DATE if source is None else f"{UP_TO_DATE} with {source.name}"
+        draw_state_line(layout, result_line(settings, made), up_to_date)
     if source is not None:
-        row = layout.row()
-        row.label(text=source.name, icon="OUTLINER_OB_MESH")
-        row.prop(made.ccdepth, "keep_updated")
-    if made.data.has_custom_normals:
-        layout.operator("ccdepth.remove_normals", icon="NORMALS_VERTEX_FACE")
+        settings_column(layout).prop(made.ccdepth, "keep_updated")
     if made.data.ccdepth.has_result:
-        draw_facts(layout, facts_of(context.scene, made.data.ccdepth))
+        faces, *others = facts_of(context.scene, made.data.ccdepth)
+        draw_facts(layout, [faces, *counts_of(made.data, None if source is None else source.data), *others], "make")
+
+
+def _draw_applied(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """The modifiers of the active object that Apply Adaptive Subdivision applies."""
+    active, use_modifiers = context.active_object, context.scene.ccdepth.use_modifiers
+    if active is not None and active.type == "MESH":
+        applied = counted_modifiers(active, use_modifiers=use_modifiers)
+        names = ["the pose" if each.type == "ARMATURE" else each.name for each in applied]
+        if names:
+            layout.label(text=f"Applies {', '.join(names)}", icon="MODIFIER", translate=False)
 
 
 def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -104,7 +107,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     settings = context.scene.ccdepth
     count = known.count_to_make(chosen(context), settings)
     if count is None:
-        layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
+        draw_button(layout, "ccdepth.count_faces", "LINENUMBERS_ON")
         return
     if not count.are_too_many:
         facts = [count_fact(count.faces, reduced=settings.reduce)]

@@ -8,7 +8,7 @@ import bpy
 from ..state import mesh_values, out_of_date
 from ..state.chosen import chosen, to_measure
 from ..state.properties import Settings
-from ..state.still_holds import UNCHECKED, measured_to_show
+from ..state.still_holds import UNCHECKED, is_own, measured_object, measured_to_show, target_of
 from ..tasks.surfaces import ComputeError
 from .facts import draw_facts, facts_of_measurement
 from .panels import NOT_CHECKED, draw_main_button, draw_state_line
@@ -16,9 +16,9 @@ from .sidebar import SidebarPanel, settings_column
 
 # The icon and the text of each verdict.
 VERDICTS = {
-    "MET": ("CHECKMARK", "Met"),
-    "NOT_MET": ("CANCEL", "Exceeded"),
-    "UNDECIDED": ("QUESTION", "Not Decided"),
+    "MET": ("CHECKMARK", "Within"),
+    "NOT_MET": ("CANCEL", "Beyond"),
+    "UNDECIDED": ("QUESTION", "Not decided for"),
 }
 
 
@@ -39,7 +39,6 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
         row.alert = icon in {"CANCEL", "ERROR"}
         # In a narrow panel a word would stand over the title.
         row.label(text="", icon=icon)
-        layout.operator("ccdepth.clear", text="", icon="X", emboss=False)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.ccdepth
@@ -50,8 +49,8 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
         measured = _measured(context)
         if measured is not None:
             _draw_measurement(layout, context, measured)
-        elif text := _plan(context):
-            layout.label(text=text, icon="INFO")
+        else:
+            _draw_pair(layout, *_plan(context))
 
 
 def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -60,33 +59,55 @@ def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
     return found if found is not None and found.type == "MESH" and mesh_values.has_deviation(found.data) else None
 
 
-def _plan(context: bpy.types.Context) -> str:
-    """The measured objects and the object with the limit surface, as text; empty where Measure Deviation would
+def _draw_pair(layout: bpy.types.UILayout, measured: str = "", against: str = "") -> None:
+    """The measured object, unless it stands alone at the top of the tab, and the object with the limit surface, unless
+    that is the same; in two lines, as names may be long."""
+    column = layout.column(align=True)
+    if measured and [each.name for each in chosen(bpy.context)] != [measured]:
+        column.label(text=measured, icon="OBJECT_DATA", translate=False)
+    if against:
+        column.label(text=f"Against {against}", icon="OUTLINER_OB_MESH", translate=False)
+
+
+def _plan(context: bpy.types.Context) -> tuple[str, ...]:
+    """The measured objects and the object with the limit surface, as texts; none where Measure Deviation would
     refuse."""
     try:
         wanted = to_measure(context) if chosen(context) else {}
     except ComputeError:
-        return ""
+        return ()
     measured = [each for group in wanted.values() for each in group]
     if not measured:
-        return ""
+        return ()
     what = measured[0].name if len(measured) == 1 else f"{len(measured):,} objects"
     if len(wanted) > 1:
-        return f"{what} against their sources"
+        return what, "their sources"
     [target] = wanted
-    return f"{what} against {'its own surface' if [target] == measured else target.name}"
+    return (what,) if [target] == measured else (what, target.name)
+
+
+def _pair(measured: bpy.types.Object) -> tuple[str, ...]:
+    """The texts of a measurement that was made."""
+    holder, target = measured_object(measured).name, target_of(measured)
+    if is_own(measured.data):
+        return (holder,)
+    return holder, measured.data.ccdepth.measurement.against if target is None else target.name
 
 
 def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, measured: bpy.types.Object) -> None:
     settings, mesh = context.scene.ccdepth, measured.data
     found = mesh.ccdepth.measurement
     box = layout.box().column()
-    draw_state_line(box, stale_line(settings, mesh))
-    icon, text = VERDICTS[found.verdict]
-    verdict = box.row()
-    verdict.alert = icon == "CANCEL"
-    verdict.label(text=text, icon=icon)
-    draw_facts(box, facts_of_measurement(context.scene, measured))
+    _draw_pair(box, *_pair(measured))
+    tolerance, facts = facts_of_measurement(context.scene, mesh.ccdepth)
+    if stale := stale_line(settings, mesh):
+        draw_state_line(box, stale)
+    else:
+        icon, text = VERDICTS[found.verdict]
+        verdict = box.row()
+        verdict.alert = icon == "CANCEL"
+        verdict.label(text=f"{text} {tolerance}", icon=icon)
+    draw_facts(box, facts)
     if not found.accuracy_met:
         box.label(text="Accuracy not reached", icon="TIME")
     row = layout.row(align=True)

@@ -15,9 +15,9 @@ from ..state import heat_map, known, mesh_values, result_record
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
-from ..state.still_holds import is_own, measured_object, target_of
 from ..tasks.deviation_task import Verdict
 from .lengths import DEGREES, DIGITS, Rounding, Unit, bound_texts, common_unit, count_text, length_text
+from .sidebar import NAME_PART
 
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
@@ -37,18 +37,29 @@ NARROW = "How many faces have parts narrower than the tolerance, where angles do
 
 
 class Fact(NamedTuple):
-    """A value with its name. meaning: for the tooltip."""
+    """A value with its name. meaning: for the tooltip. is_detail: whether it is of interest to few."""
 
     name: str
     value: str
     meaning: str
+    is_detail: bool = False
 
 
-def draw_facts(layout: bpy.types.UILayout, facts: Sequence[Fact]) -> None:
-    """Names and values beside each other, like properties, with tooltips."""
+def draw_facts(layout: bpy.types.UILayout, facts: Sequence[Fact], panel: str = "") -> None:
+    """Names and values beside each other, like properties, with tooltips; details in a closed panel of this name."""
+    _draw_rows(layout, [fact for fact in facts if not fact.is_detail])
+    details = [fact for fact in facts if fact.is_detail]
+    if details:
+        header, body = layout.panel(f"CCDEPTH_{panel}_details", default_closed=True)
+        header.label(text="Details")
+        if body is not None:
+            _draw_rows(body, details)
+
+
+def _draw_rows(layout: bpy.types.UILayout, facts: Iterable[Fact]) -> None:
     column = layout.column(align=True)
-    for name, value, meaning in facts:
-        split = column.split(factor=0.45)
+    for name, value, meaning, _ in facts:
+        split = column.split(factor=NAME_PART)
         for text, alignment in ((name, "RIGHT"), (value, "LEFT")):
             row = split.row()
             row.alignment = alignment
@@ -58,20 +69,21 @@ def draw_facts(layout: bpy.types.UILayout, facts: Sequence[Fact]) -> None:
 
 def facts_of(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
     """The facts about the depths on a mesh, or about an adaptive mesh."""
-    meaning = "How many faces the result has" if record.subdivision else OWN_FACES
-    faces = Fact("Faces" if record.subdivision else "Mesh Faces", f"{record.faces:,}", meaning)
-    of_kind = _of_adaptive_mesh(scene, record) if record.subdivision else _of_depths(scene, record)
-    return [faces, *of_kind]
+    if record.subdivision:
+        faces = Fact("Faces", f"{record.faces:,}", "How many faces the result has")
+        return [faces, *_of_adaptive_mesh(scene, record)]
+    return [Fact("Mesh Faces", f"{record.faces:,}", OWN_FACES, is_detail=True), *_of_depths(scene, record)]
 
 
 def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
-    facts = [_deepest([record]), Fact("Tolerance", length_text(scene, record.world_tolerance), ALLOWED)]
+    facts = [_deepest([record]), Fact("Tolerance", length_text(scene, record.world_tolerance), ALLOWED, is_detail=True)]
     if record.frames:
         meaning = "The computed frames: each face has its deepest depth"
         facts.insert(1, Fact("Frames", record.frames, meaning))
     facts += ways([record])
     meaning = "How many faces the whole mesh has at the first level that is enough for all faces"
-    facts.append(Fact(f"Faces at Level {record.uniform_level}", short_count(int(record.uniform_faces)), meaning))
+    faces = f"{short_count(int(record.uniform_faces))} faces"
+    facts.append(Fact(f"At Level {record.uniform_level}", faces, meaning))
     # A depth that is disproved at equal parameters may be enough all the same.
     if record.method == "DISTANCE":
         meaning = "The number of faces for which no lesser depth is enough, as proved"
@@ -95,8 +107,8 @@ def ways(records: Sequence[bpy.types.PropertyGroup]) -> list[Fact]:
     methods = dict.fromkeys(METHOD_TEXTS[record.method][0] for record in records)
     vertices = dict.fromkeys(VERTEX_TEXTS[record.vertices][0] for record in records)
     return [
-        Fact("Method", ", ".join(methods), "How the distance to the limit surface was bounded"),
-        Fact("Vertices", ", ".join(vertices), "Where the subdivided mesh has its vertices"),
+        Fact("Method", ", ".join(methods), "How the distance to the limit surface was bounded", is_detail=True),
+        Fact("Vertices", ", ".join(vertices), "Where the subdivided mesh has its vertices", is_detail=True),
     ]
 
 
@@ -117,16 +129,17 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
     narrow = count_text(record.narrow_leaves, "face", "faces")
     return [
         *(unreduced if record.unreduced_triangles else []),
-        Fact("Control Faces", f"{record.base_faces:,}", CONTROL_FACES),
+        Fact("Control Faces", f"{record.base_faces:,}", CONTROL_FACES, is_detail=True),
         Fact(
             "Most Divided",
             str(record.deepest),
             "How many times the most divided part of a face was halved each way",
+            is_detail=True,
         ),
-        Fact("Tolerance", tolerance, ALLOWED),
-        Fact("Largest Distance", largest, proved),
+        Fact("Tolerance", tolerance, ALLOWED, is_detail=True),
+        Fact("Distance", largest, proved),
         *angles,
-        *([Fact("Narrow Parts", narrow, NARROW)] if record.narrow_leaves else []),
+        *([Fact("Narrow Parts", narrow, NARROW, is_detail=True)] if record.narrow_leaves else []),
     ]
 
 
@@ -136,31 +149,41 @@ def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[
     depths = [record for record in records if not record.subdivision]
     return [
         Fact("Objects", f"{len(objects):,}", "How many of the selected objects have a result"),
-        Fact("Mesh Faces", f"{sum(record.faces for record in records):,}", OWN_FACES),
+        Fact("Mesh Faces", f"{sum(record.faces for record in records):,}", OWN_FACES, is_detail=True),
         _deepest(records),
-        Fact("Tolerance", lengths_text(scene, (record.world_tolerance for record in records)), ALLOWED),
+        Fact("Tolerance", lengths_text(scene, (each.world_tolerance for each in records)), ALLOWED, is_detail=True),
         *(ways(depths) if depths else []),
     ]
 
 
-def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> list[Fact]:
-    """The facts about the measurement on an object's mesh."""
-    record, target = holder.data.ccdepth, target_of(holder)
-    found = record.measurement
-    unit = common_unit(scene, (record.deviation, record.deviation_reached, found.world_tolerance))
-    most, tolerance = bound_texts(scene, record.deviation, found.world_tolerance, unit)
+def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> tuple[str, list[Fact]]:
+    """The tolerance of the measurement on a mesh, as text, and the facts about the measurement."""
+    allowed = record.measurement.world_tolerance
+    unit = common_unit(scene, (record.deviation, record.deviation_reached, allowed))
+    most, tolerance = bound_texts(scene, record.deviation, allowed, unit)
     least = length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)
-    own = is_own(holder.data)
-    against = "Its own limit surface" if own else found.against if target is None else target.name
     reached = "The distance of one point; the largest distance is between At Least and At Most"
-    return [
-        *([] if own else [Fact("Object", measured_object(holder).name, "The measured object")]),
-        Fact("Against", against, "The object with the limit surface"),
+    return tolerance, [
         Fact("At Most", most, "The proved largest distance, both ways"),
         Fact("At Least", least, reached),
-        Fact("Tolerance", tolerance, ALLOWED),
         Fact("Facets", angle_text(record.deviation_facet_angle), f"{AT_SAMPLES} of the triangles"),
         Fact("Shading", angle_text(record.deviation_shading_angle), f"{AT_SAMPLES} of the shading"),
+    ]
+
+
+def counts_of(mesh: bpy.types.Mesh, source: bpy.types.Mesh | None) -> list[Fact]:
+    """The size of an adaptive mesh besides its faces, and these in parts of the level at which all faces of its source
+    are as near."""
+    faces, record = len(mesh.polygons), None if source is None else source.ccdepth
+    share = []
+    if record is not None and record.uniform_level > 0 and record.world_tolerance == mesh.ccdepth.world_tolerance:
+        meaning = "The faces in parts of those of the whole mesh at the first level that is enough for all faces"
+        share = [Fact(f"Of Level {record.uniform_level}", _percent(faces / int(record.uniform_faces)), meaning)]
+    triangles = f"{len(mesh.loops) - 2 * faces:,}"
+    return [
+        *share,
+        Fact("Triangles", triangles, "How many triangles Blender and exporters make of the faces"),
+        Fact("Vertices", f"{len(mesh.vertices):,}", "How many vertices the result has", is_detail=True),
     ]
 
 
@@ -197,10 +220,12 @@ def _exact_text(exact: int, faces: int) -> str:
 
 def share_text(faces: int, total: int) -> str:
     """A number of faces and its share, neither rounded down to none nor up to all."""
-    share = 100 * faces / total
-    if faces < total:
-        share = min(share, 99.9)
-    return f"{faces:,}  ({'< 0.1' if 0 < share < 0.1 else f'{share:.1f}'} %)"
+    share = faces / total
+    return f"{faces:,}  ({_percent(min(share, 0.999) if faces < total else share)})"
+
+
+def _percent(share: float) -> str:
+    return "< 0.1 %" if 0 < share < 0.001 else f"{share:.1%}".replace("%", " %")
 
 
 def short_count(count: int) -> str:

@@ -186,13 +186,14 @@ class _View:
         """Draw everything."""
         in_front = [each for each in drawn if each[1].in_front]
         gpu.state.blend_set("ALPHA")
-        # The depth of objects In Front, and before 5.0 of all objects in X-Ray, is elsewhere: they get one here.
+        # The depth of objects In Front, and before 5.0 of all objects in X-Ray, is elsewhere: they get one here. All
+        # others get one as well: far sides of thin parts, drawn nearer, would be seen beside the near sides.
         gpu.state.color_mask_set(False, False, False, False)
         gpu.state.depth_mask_set(True)
         gpu.state.depth_test_set("ALWAYS")
         self._paint(in_front, farthest=True)
         gpu.state.depth_test_set("LESS_EQUAL")
-        self._paint(drawn if self.is_xray else in_front)
+        self._paint(drawn)
         gpu.state.depth_mask_set(False)
         gpu.state.color_mask_set(True, True, True, True)
         self._paint(drawn)

@@ -11,7 +11,7 @@ from mathutils import Matrix
 
 from ..exchange.displayed_mesh import DisplayedMesh, read_displayed_mesh
 from ..state import known
-from ..state.heat_map import Shown, tolerance_of
+from ..state.heat_map import Shown, is_left_out, tolerance_of
 
 # Objects that are drawn as less than their faces have none to draw over.
 FACES_DRAWN = {"SOLID", "TEXTURED"}
@@ -68,7 +68,9 @@ def _may_have_values(evaluated: bpy.types.Object, kind: Shown) -> bool:
     """Whether an object's mesh has values, or has had them before modifiers or while it is edited."""
     name = kind.values.name
     original = evaluated.original.data
-    return name in evaluated.data.attributes or (isinstance(original, bpy.types.Mesh) and name in original.attributes)
+    if not isinstance(original, bpy.types.Mesh):
+        return name in evaluated.data.attributes
+    return not is_left_out(original, kind) and (name in evaluated.data.attributes or name in original.attributes)
 
 
 def _key(evaluated: bpy.types.Object, *, is_own: bool) -> Hashable:

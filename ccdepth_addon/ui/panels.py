@@ -12,6 +12,7 @@ from ..core import FloatArray
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import OF_OBJECT
 from ..state import known, out_of_date, result_record
+from ..state.chosen import chosen
 from ..state.colors import depth_colors
 from ..state.mesh_values import too_deep
 from ..state.properties import Settings
@@ -19,7 +20,7 @@ from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, faces_by_depth, facts_of, refused_objects, share_text, totals, with_depths
 from .lengths import count_text
 from .manual import draw_manual_button
-from .sidebar import SidebarPanel, draw_alert, settings_column
+from .sidebar import NAME_PART, SidebarPanel, draw_alert, draw_button, settings_column
 from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
 
 SWATCH_SIZE = 16
@@ -29,6 +30,8 @@ RESULT_EDITED = "Result edited; Update keeps your version"
 
 # The line for values that depend on data which may have changed before the file was opened.
 NOT_CHECKED = "Not checked since opening"
+
+UP_TO_DATE = "Up to date"
 
 # The largest length of the list of several objects.
 MOST_OBJECTS = 8
@@ -48,19 +51,23 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
         settings = context.scene.ccdepth
         # The settings of all buttons are above them.
         column = settings_column(layout)
+        _draw_objects(column, context)
+        column.prop(settings, "use_modifiers")
         column.row().prop(settings, "shown_tolerance_mode", text="Tolerance", expand=True)
         if settings.tolerance_mode == "RELATIVE":
             column.prop(settings, "relative_tolerance", text="Fraction")
         else:
             column.prop(settings, "tolerance", text="Distance")
         # Its room is there when it has nothing to say.
-        split = column.split(factor=0.4)
+        split = column.split(factor=NAME_PART)
         split.label(text="")
         split.label(text=tolerance_text(context))
-        column.prop(settings, "use_modifiers")
         row = column.row(align=True)
         row.prop(settings, "heat_map")
         row.popover("CCDEPTH_PT_heat_map", text="", icon="OVERLAY")
+        # Above all results, so that it stays under the mouse whatever they are.
+        if any(result_record.is_result(each) or out_of_date.has_results(each) for each in chosen(context)):
+            layout.operator("ccdepth.before_after", icon="LOOP_BACK")
 
 
 class CCDEPTH_PT_heat_map(bpy.types.Panel):
@@ -81,16 +88,12 @@ class CCDEPTH_PT_heat_map(bpy.types.Panel):
         column.prop(settings, "show_legend")
         column.prop(settings, "heat_map_playing")
         self.layout.operator("ccdepth.bake_colors", icon="GROUP_VCOL")
+        self.layout.operator("ccdepth.clear", icon="X")
 
 
 class CCDEPTH_PT_analyse(SidebarPanel, bpy.types.Panel):
     bl_label = "Analyse"
     bl_parent_id = "CCDEPTH_PT_settings"
-
-    def draw_header_preset(self, context: bpy.types.Context) -> None:
-        # Away from the buttons that select.
-        if with_depths(context):
-            self.layout.operator("ccdepth.clear", icon="X", emboss=False)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.ccdepth
@@ -99,9 +102,9 @@ class CCDEPTH_PT_analyse(SidebarPanel, bpy.types.Panel):
         objects = with_depths(context)
         if len(objects) == 1:
             draw_state_line(layout, stale_line(settings, objects[0].data, objects[0]))
-            draw_facts(layout, facts_of(context.scene, objects[0].data.ccdepth))
+            draw_facts(layout, facts_of(context.scene, objects[0].data.ccdepth), "analyse")
         elif objects:
-            draw_facts(layout, totals(context.scene, objects))
+            draw_facts(layout, totals(context.scene, objects), "analyse")
             draw_object_rows(layout, objects, lambda each: stale_line(settings, each.data, each))
         if objects:
             _draw_histogram(layout, objects)
@@ -127,6 +130,19 @@ class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
         column.prop(settings, "frames")
         if settings.frames == "CUSTOM":
             column.prop(settings, "frame_list", text="")
+
+
+def _draw_objects(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """The objects that the buttons work on."""
+    objects = chosen(context)
+    if not objects:
+        layout.label(text="No mesh is selected", icon="INFO")
+    elif len(objects) > 1:
+        layout.label(text=f"{len(objects):,} objects", icon="OBJECT_DATA")
+    elif objects[0].select_get() or context.mode == "EDIT_MESH":
+        layout.label(text=objects[0].name, icon="OBJECT_DATA", translate=False)
+    else:
+        layout.label(text=f"Not selected: {objects[0].name}", icon="INFO", translate=False)
 
 
 def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -203,16 +219,16 @@ def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> No
     """The main button of a panel."""
     button = layout.column()
     button.scale_y = 1.4
-    button.operator(operator, icon=icon)
+    draw_button(button, operator, icon)
 
 
-def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
-    """The reason why something is out of date, or “Up to date”: a line either way, so that nothing below moves; two
-    lines for a text of two parts."""
+def draw_state_line(layout: bpy.types.UILayout, stale: str, up_to_date: str = UP_TO_DATE) -> None:
+    """The reason why something is out of date, or that it is up to date: a line either way, so that nothing below
+    moves; two lines for a text of two parts."""
     column = layout.column(align=True)
     column.alert = bool(stale)
-    first, *others = (stale or "Up to date").split("; ")
-    column.label(text=first, icon="ERROR" if stale else "CHECKMARK")
+    first, *others = stale.split("; ") if stale else [up_to_date]
+    column.label(text=first, icon="ERROR" if stale else "CHECKMARK", translate=False)
     for other in others:
         column.label(text=other, icon="BLANK1")
 

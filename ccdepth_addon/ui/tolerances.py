@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tolerance in the sidebar: in other words, and its presets."""
+"""The tolerance in the sidebar in other words, and the presets of settings."""
 
 from __future__ import annotations
 
@@ -7,62 +7,81 @@ import re
 from ast import literal_eval
 from contextlib import suppress
 from decimal import Decimal
-from math import radians
+from math import degrees, isfinite, radians
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import bpy
 from bl_ui.utils import PresetPanel
 
 from ..state.known import objects_for_tolerance, shown_diagonal
-from ..state.properties import TOLERANCE_PRESETS, scene_tolerance, tolerance_name
-from ..tasks.surfaces import shortest_decimal
+from ..state.properties import PRESET_SETTINGS, PRESETS, scene_tolerance, tolerance_name
+from ..tasks.surfaces import shortest_decimal, typed_values
 from .facts import lengths_text
 from .lengths import length_text, number_text
 
-# Some five pixels when the object fills the screen, one, and a fifth; each with its shading angle in degrees.
-FRACTIONS = {"Draft": (0.005, 10.0), "Standard": (0.001, 5.0), "Fine": (0.0002, 2.0)}
+# Settings by the names of presets: the tolerance as a fraction, angles of shading and facets in degrees, and Reduce.
+# Draft, Standard and Fine are some five pixels when the object fills the screen, one, and a fifth.
+FRACTIONS = {
+    "Draft": (0.005, 10.0, 0.0, False),
+    "Game LOD0": (0.002, 10.0, 0.0, True),
+    "Standard": (0.001, 5.0, 0.0, False),
+    "Fine": (0.0002, 2.0, 0.0, False),
+    "Render Close-Up": (0.00005, 1.0, 0.0, False),
+}
 
-# The resolution of a good printer, in metres, and facets that are not felt, in degrees.
-PRINTED, PRINTED_FACETS = 0.0001, 15.0
-
-
-ANGLES = ("shading_angle", "facet_angle")
+# The same with tolerances in metres: two resolutions of printers with facets that are not felt, and of CAD exporters.
+DISTANCES = {
+    "Print 0.1 mm": (0.0001, 0.0, 15.0, False),
+    "Print 0.05 mm": (0.00005, 0.0, 10.0, False),
+    "CAD Exchange": (0.00001, 0.0, 10.0, False),
+}
 
 
 class Preset(NamedTuple):
-    """A tolerance by a name, as it is typed in its mode. angles: of shading and facets, in radians; None where the
-    tolerance is alone. is_own: whether a user added it."""
+    """Values of the scene's settings by a name, as they are typed. is_own: whether a user added it; one of an earlier
+    version may lack settings, which then stay."""
 
     name: str
-    mode: str
-    tolerance: float
-    angles: tuple[float, float] | None
+    values: dict[str, Any]
     is_own: bool = False
+
+    @property
+    def mode(self) -> str:
+        """The mode of the tolerance."""
+        return str(self.values["tolerance_mode"])
+
+    @property
+    def tolerance(self) -> float:
+        return float(self.values[tolerance_name(self.mode)])
+
+    def told(self, scene: bpy.types.Scene) -> str:
+        """The settings in words."""
+        relative = self.mode == "RELATIVE"
+        tolerance = f"{self.tolerance:.6g} of the size" if relative else length_text(scene, self.tolerance, digits=6)
+        texts = [f"Tolerance {tolerance}"]
+        for name, text in (("shading_angle", "shading angle"), ("facet_angle", "facet angle")):
+            if name in self.values:
+                texts.append(f"{text} {degrees(self.values[name]):.4g}°" if self.values[name] else f"no {text}")
+        if "reduce" in self.values:
+            texts.append("Reduce on" if self.values["reduce"] else "Reduce off")
+        return ", ".join(texts)
 
 
 class CCDEPTH_PT_tolerance_presets(PresetPanel, bpy.types.Panel):
-    bl_label = "Tolerance Presets"
+    bl_label = "Presets"
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.ccdepth
         layout.emboss = "PULLDOWN_MENU"
         layout.operator_context = "EXEC_DEFAULT"
         column = layout.column(align=True)
-        current = settings.tolerance_mode, scene_tolerance(settings)
-        angles = tuple(map(shortest_decimal, (settings.shading_angle, settings.facet_angle)))
         for preset in presets(context.scene):
             row = column.row(align=True)
             row.alignment = "LEFT"
-            is_current = current == (preset.mode, shortest_decimal(preset.tolerance)) and (
-                preset.angles is None or angles == tuple(map(shortest_decimal, preset.angles))
-            )
-            button = row.operator(
-                "ccdepth.use_tolerance", text=preset.name, translate=False, icon="CHECKMARK" if is_current else "BLANK1"
-            )
-            button.tolerance_mode, button.tolerance = preset.mode, preset.tolerance
-            if preset.angles is not None:
-                button.shading_angle, button.facet_angle = preset.angles
+            values = {name: _as_typed(value) for name, value in preset.values.items()}
+            icon = "CHECKMARK" if typed_values(settings, preset.values) == values else "BLANK1"
+            row.operator("ccdepth.use_preset", text=preset.name, translate=False, icon=icon).name = preset.name
             if preset.is_own:
                 button = row.operator("ccdepth.tolerance_preset_add", text="", icon="REMOVE")
                 button.name, button.remove_name = preset.name, True
@@ -74,23 +93,37 @@ class CCDEPTH_PT_tolerance_presets(PresetPanel, bpy.types.Panel):
         row.operator("ccdepth.tolerance_preset_add", text="", icon="ADD").name = manager.preset_name
 
 
+def preset_by_name(scene: bpy.types.Scene, name: str) -> Preset | None:
+    """The preset of this name; of several, the user's own."""
+    found = [each for each in presets(scene) if each.name == name]
+    return max(found, key=lambda each: each.is_own, default=None)
+
+
 def presets(scene: bpy.types.Scene) -> list[Preset]:
     """All presets, fractions before distances, each from coarse to fine."""
-    found = [Preset(name, "RELATIVE", fraction, (radians(angle), 0.0)) for name, (fraction, angle) in FRACTIONS.items()]
-    printed = PRINTED / scene.unit_settings.scale_length
-    found.append(Preset("Print 0.1 mm", "ABSOLUTE", printed, (0.0, radians(PRINTED_FACETS))))
-    for path in [path for folder in bpy.utils.preset_paths(TOLERANCE_PRESETS) for path in Path(folder).glob("*.py")]:
+    found = [_shipped(name, "RELATIVE", *numbers, reduce=reduce) for name, (*numbers, reduce) in FRACTIONS.items()]
+    for name, (metres, *angles, reduce) in DISTANCES.items():
+        found.append(_shipped(name, "ABSOLUTE", metres / scene.unit_settings.scale_length, *angles, reduce=reduce))
+    for path in [path for folder in bpy.utils.preset_paths(PRESETS) for path in Path(folder).glob("*.py")]:
         # A file with other contents is no preset.
         with suppress(KeyError, ValueError, SyntaxError):
-            values = dict(re.findall(r"ccdepth\.(\w+) = (.+)", path.read_text(encoding="utf-8")))
-            mode = literal_eval(values["tolerance_mode"])
-            tolerance = float(values[tolerance_name(mode)])
-            # Others hold a tolerance alone.
-            own = [float(values[name]) for name in ANGLES if name in values]
-            angles = (own[0], own[1]) if len(own) == len(ANGLES) else None
-            name = bpy.path.display_name(path.name, title_case=False)
-            found.append(Preset(name, mode, tolerance, angles, is_own=True))
+            texts = dict(re.findall(r"ccdepth\.(\w+) = (.+)", path.read_text(encoding="utf-8")))
+            unused = {"relative_tolerance", "tolerance"} - {tolerance_name(literal_eval(texts["tolerance_mode"]))}
+            names = [name for name in PRESET_SETTINGS if name in texts and name not in unused]
+            own = Preset("", {name: literal_eval(texts[name]) for name in names}, is_own=True)
+            if isfinite(own.tolerance):
+                found.append(own._replace(name=bpy.path.display_name(path.name, title_case=False)))
     return sorted(found, key=lambda each: (each.mode == "ABSOLUTE", -each.tolerance))
+
+
+def _shipped(name: str, mode: str, tolerance: float, shading: float, facets: float, *, reduce: bool) -> Preset:
+    """A preset of our own, with angles in degrees."""
+    angles = {"shading_angle": radians(shading), "facet_angle": radians(facets)}
+    return Preset(name, {"tolerance_mode": mode, tolerance_name(mode): tolerance, **angles, "reduce": reduce})
+
+
+def _as_typed(value: Any) -> Any:
+    return shortest_decimal(value) if isinstance(value, float) else value
 
 
 register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_tolerance_presets,))

@@ -13,7 +13,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene, snapshot
 from tests.blender.runs import few_samples, outputs, printed, said, save
-from tests.blender.subdividing import faces, known_count, refused, refuses, subdivide
+from tests.blender.subdividing import faces, known_count, refused, subdivide
 
 # A distance at which the angles decide on these meshes.
 ROUGH = 0.2
@@ -198,15 +198,13 @@ def test_presets_have_angles() -> None:
     module, settings = addon.module("ui.tolerances"), bpy.context.scene.ccdepth
     found = {}
     for preset in module.presets(bpy.context.scene):
-        shading, facets = preset.angles
-        bpy.ops.ccdepth.use_tolerance(
-            tolerance_mode=preset.mode, tolerance=preset.tolerance, shading_angle=shading, facet_angle=facets
-        )
+        bpy.ops.ccdepth.use_preset(name=preset.name)
         found[preset.name] = [round(degrees(each), 3) for each in (settings.shading_angle, settings.facet_angle)]
-    assert found == {"Draft": [10, 0], "Standard": [5, 0], "Fine": [2, 0], "Print 0.1 mm": [0, 15]}
-    with snapshot.unchanged(lambda path: path[-1] in {"tolerance", "tolerance_mode"}):
-        bpy.ops.ccdepth.use_tolerance(tolerance_mode="ABSOLUTE", tolerance=2.0)
-    refuses("use_tolerance", "less than 90", tolerance=1.0, facet_angle=2.0)
+    shown = {"Draft": [10, 0], "Game LOD0": [10, 0], "Standard": [5, 0], "Fine": [2, 0], "Render Close-Up": [1, 0]}
+    assert found == {**shown, "Print 0.1 mm": [0, 15], "Print 0.05 mm": [0, 10], "CAD Exchange": [0, 10]}
+    names = {*addon.module("state.properties").PRESET_SETTINGS, "shown_tolerance_mode"}
+    with snapshot.unchanged(lambda path: path[-1] in names):
+        bpy.ops.ccdepth.use_preset(name="Standard")
 
 
 @pytest.mark.every_blender

@@ -232,7 +232,7 @@ def test_proved_distances_are_rounded_up(cube_file: Path, capfd: Capture) -> Non
     """The first six tolerances of a row, of whose distances some would be rounded down."""
     for number in range(6):
         told = printed(capfd, cube_file, "--subdivide", "--absolute", "--tolerance", 0.03 + 0.001 * number)
-        [distance] = re.findall(r"Largest Distance: (\S+) m", told)
+        [distance] = re.findall(r"Distance: (\S+) m", told)
         record = bpy.data.objects["Cube Adaptive"].data.ccdepth
         assert record.largest_bound <= float(distance) <= record.largest_bound * 1.001 + 1e-9
 

@@ -140,8 +140,8 @@ def test_baked_colours_are_those_of_what_is_shown() -> None:
     cases = (
         ("DISTANCE", "TOLERANCE", bounds / np.float32(mesh.ccdepth.world_tolerance)),
         ("DISTANCE", "FIXED", bounds / np.float32(settings.distance_top)),
-        ("DEPTH", "FIXED", addon.depths(result) / 8),
-        # Off, or where there is none of it, it is the last result.
+        # Off, or where there is none of it, as of depths on a result, it is the last result.
+        ("DEPTH", "FIXED", bounds / np.float32(settings.distance_top)),
         ("NONE", "TOLERANCE", bounds / np.float32(mesh.ccdepth.world_tolerance)),
         ("DEVIATION", "TOLERANCE", bounds / np.float32(mesh.ccdepth.world_tolerance)),
     )
@@ -154,6 +154,20 @@ def test_baked_colours_are_those_of_what_is_shown() -> None:
         np.testing.assert_allclose(found[:, :3], expected, atol=1e-5)
         assert (found[:, 3] == 1.0).all()
     assert (bounds > settings.distance_top).any()
+
+
+def test_a_result_shows_depths_once_they_are_its_own() -> None:
+    [result] = subdivide(scene.add_suzanne(), tolerance=0.1)
+    assert items(Shown.DISTANCE) == [result.name]
+    assert items(Shown.DEPTH) == []
+    addon.compute(result, tolerance=0.01)
+    assert items(Shown.DEPTH) == [result.name]
+    bpy.context.scene.ccdepth.heat_map = "DEPTH"
+    assert bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
+    sizes = [polygon.loop_total for polygon in result.data.polygons]
+    expected = colors.to_linear(expected_srgb(np.repeat(addon.depths(result) / 8, sizes)))
+    # Colours, and fractions between those of the ramp, are in single precision.
+    np.testing.assert_allclose(addon.colors(result)[:, :3], expected, atol=1e-5)
 
 
 def test_colours_are_baked_in_edit_mode() -> None:

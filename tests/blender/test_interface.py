@@ -128,6 +128,7 @@ def test_it_says_when_results_are_out_of_date() -> None:
 def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance_or_in_parts_of_several_tolerances() -> None:
     settings = bpy.context.scene.ccdepth
     [result] = subdivide(scene.add_object(meshes.cube()), tolerance=0.03)
+    settings.heat_map = "DISTANCE"
     record = result.data.ccdepth
     legend = shown_legend()
     assert legend.title == "Proved Distance (m)"
@@ -165,6 +166,10 @@ class Layout:
 
     def __call__(self, *_given: object, **_named: object) -> Any:
         return self
+
+    def __iter__(self) -> Any:
+        # The header and the body of a panel.
+        return iter((self, self))
 
 
 PANELS = ("CCDEPTH_PT_settings", "CCDEPTH_PT_analyse", "CCDEPTH_PT_make", "CCDEPTH_PT_check")
@@ -285,6 +290,26 @@ def test_counts_and_shares() -> None:
     record.uniform_level, record.uniform_faces = 1, "400000"
     facts = addon.module("ui.facts").facts_of(bpy.context.scene, record)
     assert facts[-1].value == "99.9 % of faces"
+
+
+def test_a_result_is_compared_with_the_level_that_is_enough_for_all_faces() -> None:
+    def counts(made: bpy.types.Object) -> dict[str, str]:
+        facts = addon.module("ui.facts")
+        found = [*facts.facts_of(bpy.context.scene, made.data.ccdepth), *facts.counts_of(made.data, holder.data)]
+        return {fact.name: fact.value for fact in found}
+
+    holder = scene.add_suzanne()
+    [result] = subdivide(holder, tolerance=0.01)
+    faces, triangles = len(result.data.polygons), len(result.data.loop_triangles)
+    assert counts(result)["Faces"] == f"{faces:,}"
+    assert counts(result)["Triangles"] == f"{triangles:,}"
+    addon.compute(holder, tolerance=0.01, method="DISTANCE")
+    record = holder.data.ccdepth
+    share = 100 * faces / int(record.uniform_faces)
+    assert 1 < share < 100
+    assert counts(result)[f"Of Level {record.uniform_level}"] == f"{share:.1f} %"
+    addon.compute(holder, tolerance=0.02, method="DISTANCE")
+    assert not any(name.startswith("Of Level") for name in counts(result))
 
 
 @pytest.mark.parametrize("top", ["1", "0.0378", "2.5", "999", "4.9999", "1e-7"])
@@ -425,7 +450,7 @@ SECTIONS = {
 def test_the_menu_has_every_operator_that_people_start() -> None:
     entries = [entry[0] for entry in addon.module("ui.manual").ENTRIES if entry is not None]
     assert len(set(entries)) == len(entries)
-    hidden = {"update_kept", "use_tolerance", "tolerance_preset_add", "copy_value", "open_manual"}
+    hidden = {"update_kept", "use_preset", "tolerance_preset_add", "copy_value", "open_manual", "cancel"}
     assert {name.partition(".")[2] for name in entries} == set(dir(bpy.ops.ccdepth)) - hidden
 
 

@@ -137,7 +137,7 @@ def test_it_is_undone_and_redone(case: str) -> None:
 
 def test_every_operator_is_in_the_table() -> None:
     """But those that change nothing of the file's, or only settings and presets, and what runs by itself."""
-    others = {"copy_value", "count_faces", "open_manual", "tolerance_preset_add", "update_kept", "use_tolerance"}
+    others = {"copy_value", "count_faces", "open_manual", "tolerance_preset_add", "update_kept", "use_preset", "cancel"}
     others.add("export_within")
     assert {operator for _, operator, _ in CASES.values()} == set(dir(bpy.ops.ccdepth)) - others
 

@@ -290,7 +290,7 @@ def test_results_are_measured_against_their_own_sources_together() -> None:
     assert {each.data.ccdepth.measurement.against for each in results} == {"Cube", "Ring"}
     assert all(each.data.ccdepth.measurement.verdict == "MET" for each in results)
     addon.select(*results)
-    assert addon.module("ui.deviation_panel")._plan(bpy.context) == "2 objects against their sources"
+    assert addon.module("ui.deviation_panel")._plan(bpy.context) == ("2 objects", "their sources")
     other = scene.add_object(meshes.cube(), "Other")
     addon.measure(results[0], results[1], other, tolerance=0.05, time_limit=0.1)
     assert other.data.ccdepth.has_deviation is False

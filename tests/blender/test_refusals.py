@@ -232,7 +232,6 @@ REFUSALS: dict[str, Refusal] = {
     ),
     "no faces to look at": Refusal(empty, "Empty: the mesh has no faces", ("select_invalid",)),
     "no depths": Refusal(cube, "Compute Depth first", ("select",), {"depth": 1}),
-    **{f"chosen tolerance {x}": Refusal(cube, "tolerance", ("use_tolerance",), {"tolerance": x}) for x in (0.0, NAN)},
     "no measurement": Refusal(cube, "Measure Deviation first", ("select_worst",)),
     "edited since": Refusal(edited_since, "the mesh has changed; measure it again", ("select_worst",)),
 }  # fmt: skip

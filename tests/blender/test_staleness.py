@@ -231,8 +231,7 @@ def test_renamed_objects_are_told_by_their_names(made: Made, tmp_path: Path) -> 
     made.source.name, made.other.name = "Surface", "Measured"
     scene.open_again(tmp_path)
     other = bpy.data.objects["Measured"]
-    facts = addon.module("ui.facts").facts_of_measurement(bpy.context.scene, other)
-    assert [fact.value for fact in facts[:2]] == ["Measured", "Surface"]
+    assert addon.module("ui.deviation_panel")._pair(other) == ("Measured", "Surface")
     addon.select(other, bpy.data.objects["Surface"])
     assert addon.module("state.still_holds").measured_to_show(bpy.context) == other
     assert Made(bpy.data.objects["Surface"], other, bpy.data.objects["Source Adaptive"]).lines() == {}

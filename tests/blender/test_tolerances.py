@@ -29,22 +29,28 @@ def test_after_a_refused_update_as_well() -> None:
     assert faces(result) == counted.faces <= 500
 
 
+SHIPPED = [
+    *("Draft", "Game LOD0", "Standard", "Fine", "Render Close-Up"),
+    *("Print 0.1 mm", "Print 0.05 mm", "CAD Exchange"),
+]
+
+
 def presets() -> dict[str, Any]:
     """All presets there are, by the names that are shown."""
     return {each.name: each for each in addon.module("ui.tolerances").presets(bpy.context.scene)}
 
 
 def choose(preset: Any) -> None:
-    bpy.ops.ccdepth.use_tolerance(tolerance_mode=preset.mode, tolerance=preset.tolerance)
+    bpy.ops.ccdepth.use_preset(name=preset.name)
 
 
 @pytest.mark.every_blender
 def test_there_are_presets_from_coarse_to_fine() -> None:
     settings = bpy.context.scene.ccdepth
     found = presets()
-    assert [*found] == ["Draft", "Standard", "Fine", "Print 0.1 mm"]
+    assert [*found] == SHIPPED
     tolerances = []
-    for name in ("Draft", "Standard", "Fine"):
+    for name in ("Draft", "Standard", "Fine", "Render Close-Up"):
         settings.tolerance_mode = "ABSOLUTE"
         choose(found[name])
         assert settings.tolerance_mode == "RELATIVE"
@@ -57,7 +63,6 @@ def test_there_are_presets_from_coarse_to_fine() -> None:
 def test_the_preset_for_printing_is_a_tenth_of_a_millimetre_in_any_unit(scale: float, tolerance: float) -> None:
     bpy.context.scene.unit_settings.scale_length = scale
     choose(presets()["Print 0.1 mm"])
-    refuses("use_tolerance", "tolerance", tolerance=-1.0)
     settings = bpy.context.scene.ccdepth
     assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", pytest.approx(tolerance))
 
@@ -68,19 +73,43 @@ def test_presets_of_ones_own_are_added_and_removed(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(bpy.utils, "preset_paths", lambda folder: [str(tmp_path / "presets" / folder)])
     (tmp_path / "presets/ccdepth/tolerance").mkdir(parents=True)
     set_scene(tolerance=0.123, relative_tolerance=0.0456, tolerance_mode="RELATIVE")
+    set_scene(shading_angle=math.radians(7), reduce=True)
     assert bpy.ops.ccdepth.tolerance_preset_add(name="my own") == {"FINISHED"}
     set_scene(tolerance_mode="ABSOLUTE", tolerance=1e-5)
     assert bpy.ops.ccdepth.tolerance_preset_add(name="Yours") == {"FINISHED"}
     (tmp_path / "presets/ccdepth/tolerance/Broken.py").write_text("ccdepth.tolerance_mode = 'RELATIVE'")
-    assert [*presets()] == ["my own", "Draft", "Standard", "Fine", "Print 0.1 mm", "Yours"]
-    set_scene(relative_tolerance=1.0)
+    assert [*presets()] == ["my own", *SHIPPED, "Yours"]
+    assert presets()["my own"].told(bpy.context.scene) == (
+        "Tolerance 0.0456 of the size, shading angle 7°, no facet angle, Reduce on"
+    )
+    set_scene(relative_tolerance=1.0, shading_angle=0.0, reduce=False)
     choose(presets()["my own"])
     settings = bpy.context.scene.ccdepth
+    assert (math.degrees(settings.shading_angle), settings.reduce) == (pytest.approx(7.0), True)
     assert (settings.tolerance_mode, settings.relative_tolerance) == ("RELATIVE", pytest.approx(0.0456))
     choose(presets()["Yours"])
     assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", pytest.approx(1e-5))
     assert bpy.ops.ccdepth.tolerance_preset_add(name="my own", remove_name=True) == {"FINISHED"}
-    assert [*presets()] == ["Draft", "Standard", "Fine", "Print 0.1 mm", "Yours"]
+    assert [*presets()] == [*SHIPPED, "Yours"]
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"), [("= -1.0", "tolerance"), ("= 0.0", "tolerance"), ("= 1.0", "less than 90")]
+)
+def test_a_preset_of_an_earlier_version_holds_less_and_a_bad_one_is_refused(
+    text: str, fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bpy.utils, "preset_paths", lambda _: [str(tmp_path)])
+    begin = "ccdepth.tolerance_mode = 'ABSOLUTE'\nccdepth.tolerance"
+    (tmp_path / "Old.py").write_text(f"{begin} = 0.25\nccdepth.relative_tolerance = 0.5")
+    (tmp_path / "Bad.py").write_text(f"{begin} {text}\nccdepth.facet_angle = 2.0")
+    set_scene(relative_tolerance=0.125, facet_angle=0.5, reduce=True)
+    refuses("use_preset", fault, name="Bad")
+    refuses("use_preset", "no preset", name="None")
+    choose(presets()["Old"])
+    settings = bpy.context.scene.ccdepth
+    assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", 0.25)
+    assert (settings.relative_tolerance, settings.facet_angle, settings.reduce) == (0.125, 0.5, True)
 
 
 SIZE = 2 * math.sqrt(3)

@@ -133,6 +133,8 @@ def shown_at(holder: bpy.types.Object) -> list[float]:
 def observe() -> dict[str, Any]:
     window, area, regions = viewport()
     running = [operator.bl_idname for operator in window.modal_operators]
+    with bpy.context.temp_override(window=window, area=area, region=regions["WINDOW"]):
+        can_measure = bpy.ops.ccdepth.measure.poll()
     if "Suzanne" not in bpy.data.objects:
         return {"objects": {}, "running": running}
     mesh = bpy.data.objects["Suzanne"].data
@@ -153,6 +155,7 @@ def observe() -> dict[str, Any]:
         "viewports": appearances(),
         "objects": {holder.name: describe(holder) for holder in bpy.data.objects if holder.type == "MESH"},
         "running": running,
+        "can_measure": can_measure,
     }
 
 
@@ -172,6 +175,13 @@ def show(state: str) -> None:
             bpy.ops.wm.save_as_mainfile(filepath=str(REPORT.with_suffix(".blend")))
         elif state == "deleted":
             bpy.data.objects.remove(suzanne)
+        elif state == "run in second window":
+            run_in_second_window()
+        elif state == "second window closed":
+            with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+                bpy.ops.wm.window_close()
+        elif state == "cleared":
+            bpy.ops.ccdepth.clear()
         elif state in {"hidden", "shown"}:
             suzanne.hide_set(state == "hidden")
         elif state in {"overlays", "no overlays"}:
@@ -197,6 +207,17 @@ def show(state: str) -> None:
         elif state == "none":
             bpy.context.scene.ccdepth.heat_map = "NONE"
     area.tag_redraw()
+
+
+def run_in_second_window() -> None:
+    """Open a window of a 3D View alone, and press the button there."""
+    bpy.ops.wm.window_new()
+    window = bpy.context.window_manager.windows[-1]
+    area = window.screen.areas[0]
+    area.type = "VIEW_3D"
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        bpy.ops.ccdepth.subdivide("INVOKE_DEFAULT")
 
 
 def change(tolerance: float) -> None:
