@@ -31,20 +31,20 @@ class Places:
 
 class SampledDistances:
     """Distances between a fine mesh and coarser ones, both ways. Triangles of the mesh before keep their distances, and
-    so do samples nearest to them.
+    so do samples nearest to them. triangles: those of the fine mesh.
 
     positions: (V, 3) float64; corners: (T, 3) intp, of the fine mesh, at least one triangle. tick: is called again and
     again, and may raise to stop, here as in the methods.
     """
 
     def __init__(self, positions: FloatArray, corners: IndexArray, tick: Tick) -> None:
-        self._triangles = Triangles.of(positions, corners, tick)
+        self.triangles = Triangles.of(positions, corners, tick)
         used, first = np.unique(corners, return_index=True)
         chosen = slice(None, None, len(used) // MOST_SAMPLES + 1)
         self._samples = positions[used[chosen]]
         # Of the last mesh, at first the fine one: the triangles, the distances of their own points, and the triangle
         # that each sample is nearest to, with its distance.
-        self._rows, self._own = self._triangles.rows, np.zeros(len(corners))
+        self._rows, self._own = self.triangles.rows, np.zeros(len(corners))
         self._nearest, self._apart = first[chosen] // 3, np.zeros(len(self._samples))
 
     def of(self, mesh: Triangles, positions: FloatArray, corners: IndexArray, tick: Tick) -> FloatArray:
@@ -91,10 +91,10 @@ class SampledDistances:
         used = np.unique(corners)
         for block in chunks(len(used), AT_ONCE):
             chosen = used[block]
-            found = nearest_triangles(self._triangles, positions[chosen])
-            faces_it = (normals[chosen] * self._triangles.normals[found.which]).sum(axis=1) > 0
+            found = nearest_triangles(self.triangles, positions[chosen])
+            faces_it = (normals[chosen] * self.triangles.normals[found.which]).sum(axis=1) > 0
             triangles[chosen] = np.where(faces_it, found.which, NONE)
-            weights[chosen] = barycentric(found.points, self._triangles.points[:, found.which])
+            weights[chosen] = barycentric(found.points, self.triangles.points[:, found.which])
             tick()
         return Places(triangles, weights)
 
@@ -102,7 +102,7 @@ class SampledDistances:
         """(P,): the distances of places (P, 3) from the fine mesh."""
         distances = np.empty(len(places))
         for block in chunks(len(places), AT_ONCE):
-            distances[block] = nearest_triangles(self._triangles, places[block]).distances
+            distances[block] = nearest_triangles(self.triangles, places[block]).distances
             tick()
         return distances
 

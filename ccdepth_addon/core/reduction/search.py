@@ -7,13 +7,13 @@ the vertices to leave alone. docs/adaptive.md, Reduce.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..deviation import Deviation, KeptProofs, SampledSurface, measure_deviation
-from ..deviation.columns import NONE
+from ..deviation.columns import NONE, Table
 from ..deviation.triangles import Triangles, places_among
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
@@ -30,7 +30,7 @@ LARGE_SHARE, NEXT_SHARE = 0.3, 0.7
 MOST_REFUSALS = 4
 
 # The search ends when the mergeable triangles are a smaller part of the mesh.
-LEAST_GAIN = 0.03
+LEAST_GAIN = 0.025
 
 # With samples within this part of the limit, the proof is postponed until needed.
 SURELY_WITHIN = 0.6
@@ -80,6 +80,16 @@ class Proof:
     reached: float
 
 
+@dataclass(frozen=True)
+class _Seen(Table):
+    """T triangles with known angles, first the start's. rows: (T, 9), their corners; normals: (T, 3, 3), of the surface
+    there; is_turned: (T,) bool, whether samples are beyond an angle."""
+
+    rows: FloatArray
+    normals: FloatArray
+    is_turned: BoolArray
+
+
 class Reduction:
     """The search, attempt by attempt. ``attempt`` gives the next reduction to try; ``judge`` decides whether the result
     replaces ``current``. Once ``attempt`` returns None, ``prove`` gives the result.
@@ -103,9 +113,10 @@ class Reduction:
         self.proof: Proof | None = None
         self._control, self._limit = control, limit
         # By whether they are of shading; and the surface with the samples that the start keeps, once needed.
-        self._largest_angles = {True: shading_angle, False: facet_angle}
+        self._largest_angles = {True: shading_angle if start.is_smooth.any() else 0.0, False: facet_angle}
         self._kept: dict[bool, SampledSurface] = {}
         self._surface: SampledSurface | None = None
+        self._seen: _Seen | None = None
         self._is_fixed = np.zeros(len(start.positions), dtype=bool)
         self._share, self._refusals = LARGEST_SHARE, 0
         self._proofs = KeptProofs()
@@ -125,7 +136,11 @@ class Reduction:
         the limit or beyond an angle, or with the same vertices as another triangle."""
         triangles = self._triangles(mesh, progress)
         distances = self._distances(mesh, triangles, progress)
-        bad = (distances > NEARLY_BEYOND * self._limit) | has_double(mesh.corners) | self._turned(mesh, progress)
+        bad = (
+            (distances > NEARLY_BEYOND * self._limit)
+            | has_double(mesh.corners)
+            | self._turned(mesh, triangles, progress)
+        )
         return self._around(triangles, bad, progress)
 
     def attempt(self) -> Attempt | None:
@@ -154,7 +169,7 @@ class Reduction:
         if reached > self._limit:
             self._reject(triangles, distances > self._limit, progress)
             return False
-        turned = self._turned(mesh, progress)
+        turned = self._turned(mesh, triangles, progress)
         if turned.any():
             self._reject(triangles, turned, progress, is_local=turned.mean() <= LARGE_TURNED)
             return False
@@ -183,6 +198,10 @@ class Reduction:
         """(T, 3, 3) float64: the normals of the limit surface for the corners of a mesh's triangles."""
         return self._sampled(progress).normals_of(mesh.positions, mesh.corners, SAME_SIDE, lambda: progress(1.0))
 
+    def _shading(self, mesh: TriangleMesh, progress: Progress) -> FloatArray:
+        """As ``normals``, or zeros where no angle of shading counts."""
+        return self.normals(mesh, progress) if self._largest_angles[True] else np.zeros((*mesh.corners.shape, 3))
+
     def _sampled(self, progress: Progress) -> SampledSurface:
         if self._surface is None:
             self._surface = SampledSurface(self._control, self._limit, lambda: progress(0.0), SURFACE_SAMPLES)
@@ -191,27 +210,35 @@ class Reduction:
     def _kept_by_start(self, progress: Progress, *, of_shading: bool) -> SampledSurface:
         if of_shading not in self._kept:
             start, angle = self._start, self._largest_angles[of_shading]
-            normals = self.normals(start, progress) if of_shading else None
+            normals = self._seen.normals[: len(start.corners)] if of_shading and self._seen else None
             self._kept[of_shading] = self._sampled(progress).kept_by(
                 start.positions, start.corners, normals, angle, lambda: progress(0.0)
             )
         return self._kept[of_shading]
 
-    def _turned(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
-        """(T,) bool: the triangles with samples beyond an angle, except for those of the current mesh. What the start
-        does not keep does not count."""
-        rows, before = (each.positions[each.corners].reshape(-1, 9) for each in (mesh, self.current))
-        is_new = places_among(rows, before) == NONE
-        turned = np.zeros(len(mesh.corners), dtype=bool)
+    def _turned(self, mesh: TriangleMesh, triangles: Triangles, progress: Progress) -> BoolArray:
+        """(T,) bool: the triangles with samples beyond an angle, as found when each was new. What the start does not
+        keep does not count."""
+        if not any(self._largest_angles.values()):
+            return np.zeros(len(mesh.corners), dtype=bool)
+        if self._seen is None:
+            start = self._samples.triangles.rows
+            self._seen = _Seen(start, self._shading(self._start, progress), np.zeros(len(start), dtype=bool))
+        places = places_among(triangles.rows, self._seen.rows)
+        is_new = places == NONE
+        found = self._seen.at(places)
+        found.normals[is_new] = self._shading(replace(mesh, corners=mesh.corners[is_new]), progress)
+        found.rows[is_new], found.is_turned[is_new] = triangles.rows[is_new], False
         for of_shading, angle in self._largest_angles.items():
             counts = is_new & mesh.is_smooth if of_shading else is_new
             if angle and counts.any():
-                normals = self.normals(mesh, progress) if of_shading else None
-                found = self._kept_by_start(progress, of_shading=of_shading).largest_angles(
+                normals = found.normals if of_shading else None
+                angles = self._kept_by_start(progress, of_shading=of_shading).largest_angles(
                     mesh.positions, mesh.corners, normals, angle, lambda: progress(0.0), counts
                 )
-                turned |= found > angle
-        return turned
+                found.is_turned[angles > angle] = True
+        self._seen = self._seen.joined([found.at(is_new)])
+        return found.is_turned
 
     def _triangles(self, mesh: TriangleMesh, progress: Progress) -> Triangles:
         return Triangles.of(mesh.positions, mesh.corners, lambda: progress(0.0))
@@ -241,9 +268,9 @@ class Reduction:
         self.current, self._refusals = mesh, 0
         if proof is not None:
             self.proof = proof
-        # Errors grow about as triangles become fewer; angles stop merging earlier.
-        largest = NEXT_SHARE * self._share if any(self._largest_angles.values()) else LARGEST_SHARE
-        self._share = float(np.clip(1 - reached / self._limit, LEAST_SHARE, max(largest, LEAST_SHARE)))
+        # Errors grow about as triangles become fewer, and small steps end with fewer triangles.
+        largest = max(NEXT_SHARE * self._share, LEAST_SHARE)
+        self._share = float(np.clip(1 - reached / self._limit, LEAST_SHARE, largest))
 
     def _reject(self, triangles: Triangles, bad: BoolArray, progress: Progress, *, is_local: bool = False) -> None:
         """Fix the vertices around bad triangles, or merge fewer. is_local: whether fixing helps after all attempts."""
