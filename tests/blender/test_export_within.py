@@ -113,6 +113,8 @@ def test_a_result_is_made_anew_from_its_hidden_source_in_its_own_place(tmp_path:
     addon.select(result)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "source.blend"))
     refuses("export_within", "select “Cube”", filepath=str(tmp_path / "cube.ply"), certificate=True, **SETTINGS)
+    bpy.data.objects.remove(source)
+    refuses("export_within", "a result without a source", filepath=str(tmp_path / "cube.ply"), **SETTINGS)
 
 
 def test_edit_mode_goes_on(tmp_path: Path) -> None:
