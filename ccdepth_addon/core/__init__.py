@@ -44,6 +44,7 @@ from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
+from .tolerance.view import Seen, View, length_in_views
 
 __all__ = [
     "METHODS",
@@ -68,12 +69,14 @@ __all__ = [
     "Proof",
     "Reduction",
     "SampledSurface",
+    "Seen",
     "ShortIndexArray",
     "SubdividedMesh",
     "SurfacePoints",
     "ToleranceError",
     "TooManyFacesError",
     "TriangleMesh",
+    "View",
     "apply_boundary_rule",
     "at_corners",
     "at_vertices",
@@ -89,6 +92,7 @@ __all__ = [
     "interpolated",
     "interpolated_at_vertices",
     "largest_coordinates",
+    "length_in_views",
     "limit_normals",
     "limit_values",
     "measure_deviation",
