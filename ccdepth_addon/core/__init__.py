@@ -44,7 +44,8 @@ from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
-from .tolerance.view import Seen, View, length_in_views
+from .tolerance.surface_views import Seen, length_in_views, most_pixels, seen_by
+from .tolerance.view import View
 
 __all__ = [
     "METHODS",
@@ -96,6 +97,7 @@ __all__ = [
     "limit_normals",
     "limit_values",
     "measure_deviation",
+    "most_pixels",
     "nearest_vertices",
     "needed_quality",
     "no_report",
@@ -104,6 +106,7 @@ __all__ = [
     "pose_depths",
     "raised_depths",
     "rounding_allowance",
+    "seen_by",
     "smallest_step",
     "subdivide_adaptively",
     "uniform_level",

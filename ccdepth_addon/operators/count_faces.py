@@ -74,7 +74,7 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
             setattr(context.scene.ccdepth, name, getattr(fit.settings, name))
         counts = [FaceCount(faces) for faces in fit.counts]
         known.remember_count(context, tasks, fit.settings, counts)
-        unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
+        unit = {"RELATIVE": " of the diagonal", "PIXELS": " pixels"}.get(self.tolerance_mode, "")
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
         self.report({"INFO"}, text)
         return {"FINISHED"}

@@ -28,7 +28,7 @@ class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
     )
     tolerance: FloatProperty(
         name="Tolerance",
-        description="A part of the diagonal, or a distance in the scene",
+        description="A part of the diagonal, a distance in the scene, or a number of pixels",
         default=properties.DEFAULT_RELATIVE_TOLERANCE,
         options={"SKIP_SAVE"},
     )
@@ -66,6 +66,7 @@ class CCDEPTH_OT_tolerance_preset_add(AddPresetBase, bpy.types.Operator):
         "bpy.context.scene.ccdepth.tolerance_mode",
         "bpy.context.scene.ccdepth.relative_tolerance",
         "bpy.context.scene.ccdepth.tolerance",
+        "bpy.context.scene.ccdepth.pixels",
         "bpy.context.scene.ccdepth.shading_angle",
         "bpy.context.scene.ccdepth.facet_angle",
     ]

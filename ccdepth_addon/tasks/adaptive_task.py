@@ -47,9 +47,9 @@ from .surfaces import (
     refuse_bad_angles,
     refuse_bad_tolerance,
     shortest_decimal,
-    surface_of,
     surfaces_covering_others,
 )
+from .views import Views, read_views, surface_of
 
 # The largest relative change of a number by rounding to single precision.
 SINGLE_ROUNDING = 2.0**-24
@@ -187,6 +187,7 @@ def prepare_adaptive(
     users_of: dict[bpy.types.Object, list[bpy.types.Object]] = {}
     for blender_object, user in zip(objects, users or objects, strict=True):
         users_of.setdefault(blender_object, []).append(user)
+    views = read_views(context, list(users or objects), settings)
     tasks: list[AdaptiveTask] = []
     shared: SharedMeshes = {}
     faults = Faults(list(users_of))
@@ -197,7 +198,7 @@ def prepare_adaptive(
         with counted_copies(context, batch, use_modifiers=settings.use_modifiers) as copies:
             for blender_object in batch:
                 with faults.of(blender_object.session_uid):
-                    tasks += _read_tasks(blender_object, users_of[blender_object], settings, shared, copies)
+                    tasks += _read_tasks(blender_object, users_of[blender_object], settings, views, shared, copies)
     faults.refuse()
     return _united(tasks, settings)
 
@@ -223,6 +224,7 @@ def _read_tasks(
     blender_object: bpy.types.Object,
     users: Sequence[bpy.types.Object],
     settings: AdaptiveSettings,
+    views: Views,
     shared: SharedMeshes,
     copies: Evaluated,
 ) -> list[AdaptiveTask]:
@@ -232,7 +234,7 @@ def _read_tasks(
     steps = _mixing_steps(base.shape_keys)
     largest = _largest_coordinates(control, base.shape_keys)
     is_smooth = smooth_faces(base)
-    return [_task(blender_object, user, control, settings, largest, steps, is_smooth) for user in users]
+    return [_task(blender_object, user, control, settings, views, largest, steps, is_smooth) for user in users]
 
 
 def _task(
@@ -240,6 +242,7 @@ def _task(
     user: bpy.types.Object,
     control: ControlMesh,
     settings: AdaptiveSettings,
+    views: Views,
     largest: FloatArray,
     steps: float,
     is_smooth: NDArray[np.bool_],
@@ -248,7 +251,7 @@ def _task(
     number of roundings of each; is_smooth: (F,) of the control mesh."""
     if user != blender_object:
         control = replace(control, world=np.array(user.matrix_world, dtype=np.float64)[:3, :3])
-    surface = surface_of(user, control, settings)
+    surface = surface_of(user, control, settings, views)
     in_world = control.in_world
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps

@@ -66,6 +66,7 @@ def facts_of(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fa
 
 def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
     facts = [_deepest([record]), Fact("Tolerance", length_text(scene, record.world_tolerance), ALLOWED)]
+    facts += _seen_from(record)
     if record.frames:
         meaning = "The computed frames: each face has its deepest depth"
         facts.insert(1, Fact("Frames", record.frames, meaning))
@@ -80,6 +81,13 @@ def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[
         meaning = "The number of faces for which lesser depths were not measured; Effort Full measures them"
         facts.append(Fact("Might Need Less", f"{record.faces_left:,}", meaning))
     return facts
+
+
+def _seen_from(record: bpy.types.PropertyGroup) -> list[Fact]:
+    """The camera of a tolerance in pixels, with the pixels."""
+    meaning = "The camera that sees the tolerance as this many pixels, and its frames"
+    text = f"{record.tolerance:.3g} px of {record.seen_from}"
+    return [Fact("Seen From", text, meaning)] if record.seen_from else []
 
 
 def _deepest(records: Sequence[bpy.types.PropertyGroup]) -> Fact:
@@ -124,6 +132,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
             "How many times the most divided part of a face was halved each way",
         ),
         Fact("Tolerance", tolerance, ALLOWED),
+        *_seen_from(record),
         Fact("Largest Distance", largest, proved),
         *angles,
         *([Fact("Narrow Parts", narrow, NARROW)] if record.narrow_leaves else []),
@@ -159,6 +168,7 @@ def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> li
         Fact("At Most", most, "The proved largest distance, both ways"),
         Fact("At Least", least, reached),
         Fact("Tolerance", tolerance, ALLOWED),
+        *_seen_from(found),
         Fact("Facets", angle_text(record.deviation_facet_angle), f"{AT_SAMPLES} of the triangles"),
         Fact("Shading", angle_text(record.deviation_shading_angle), f"{AT_SAMPLES} of the shading"),
     ]

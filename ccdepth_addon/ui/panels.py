@@ -21,6 +21,7 @@ from .lengths import count_text
 from .manual import draw_manual_button
 from .sidebar import SidebarPanel, draw_alert, settings_column
 from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
+from .variation import draw_tolerance
 
 SWATCH_SIZE = 16
 
@@ -49,10 +50,7 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
         # The settings of all buttons are above them.
         column = settings_column(layout)
         column.row().prop(settings, "shown_tolerance_mode", text="Tolerance", expand=True)
-        if settings.tolerance_mode == "RELATIVE":
-            column.prop(settings, "relative_tolerance", text="Fraction")
-        else:
-            column.prop(settings, "tolerance", text="Distance")
+        draw_tolerance(column, context.scene)
         # Its room is there when it has nothing to say.
         split = column.split(factor=0.4)
         split.label(text="")

@@ -17,6 +17,7 @@ from bl_ui.utils import PresetPanel
 from ..state.known import objects_for_tolerance, shown_diagonal
 from ..state.properties import TOLERANCE_PRESETS, scene_tolerance, tolerance_name
 from ..tasks.surfaces import shortest_decimal
+from ..tasks.views import camera_name
 from .facts import lengths_text
 from .lengths import length_text, number_text
 
@@ -106,8 +107,11 @@ MOST_OBJECTS = 8
 
 def tolerance_text(context: bpy.types.Context) -> str:
     """The scene's tolerance as a length or a part of the active object, or of the selected objects if the active one is
-    no mesh; empty if the sizes are unknown and the field shows all digits."""
+    no mesh; empty if the sizes are unknown and the field shows all digits. Of pixels, the camera."""
     scene, settings = context.scene, context.scene.ccdepth
+    if settings.tolerance_mode == "PIXELS":
+        camera = camera_name(scene, settings)
+        return f"of “{camera}”" if camera else "The scene has no camera"
     relative = settings.tolerance_mode == "RELATIVE"
     tolerance = scene_tolerance(settings)
     texts = []

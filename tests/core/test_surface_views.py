@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.core import View, length_in_views
+from ccdepth_addon.core import View, length_in_views, seen_by
 
 PIXELS, OFF_SCREEN = 0.5, 4.0
 
@@ -53,7 +53,7 @@ def test_no_drawn_point_in_the_image_is_farther_off_than_the_pixels(is_perspecti
         rng = np.random.default_rng(seed)
         seen = view(rng, is_perspective=is_perspective)
         points = control_points(rng, seen)
-        found = seen.seen(points)
+        found = seen_by(seen, points)
         if found.outside.any():
             continue
         # Points of the hull, and drawn points at the distance.
@@ -75,28 +75,28 @@ def test_no_drawn_point_in_the_image_is_farther_off_than_the_pixels(is_perspecti
 def test_what_is_off_screen_may_be_farther_off() -> None:
     seen = View(np.eye(3, 4), 100.0, (50.0, 50.0), (100.0, 100.0), 0.1, True)
     square = np.array([(x, y, 5.0) for x in (-1, 1) for y in (-1, 1)])
-    inside = seen.seen(square).length(PIXELS, OFF_SCREEN)
+    inside = seen_by(seen, square).length(PIXELS, OFF_SCREEN)
     for shift in ([10, 0, 0], [-10, 0, 0], [0, 10, 0], [0, -10, 0]):
         away = square + shift
         nearest = np.linalg.norm(away, axis=1).min()
         # By the definition: a pixel at the nearest control point, times the factor.
-        assert seen.seen(away).length(PIXELS, OFF_SCREEN) == pytest.approx(OFF_SCREEN * PIXELS * nearest / 100)
+        assert seen_by(seen, away).length(PIXELS, OFF_SCREEN) == pytest.approx(OFF_SCREEN * PIXELS * nearest / 100)
     # Behind the camera.
-    assert seen.seen(square - np.array([0, 0, 10])).outside[4]
-    assert not seen.seen(square).outside.any()
+    assert seen_by(seen, square - np.array([0, 0, 10])).outside[4]
+    assert not seen_by(seen, square).outside.any()
     # Within the margin of a tenth it still counts as seen.
-    assert not seen.seen(square + np.array([3.6, 0, 0])).outside.any()
+    assert not seen_by(seen, square + np.array([3.6, 0, 0])).outside.any()
     assert inside < PIXELS * 5 / 100
 
 
 def test_between_two_frames_the_nearest_of_both_counts() -> None:
     seen = View(np.eye(3, 4), 100.0, (50.0, 50.0), (100.0, 100.0), 0.1, True)
     square = np.array([(x, y, 5.0) for x in (-1, 1) for y in (-1, 1)])
-    views = [seen.seen(square + shift) for shift in ([20, 0, 0], [-20, 0, 0], [-20, 0, 10])]
+    views = [seen_by(seen, square + shift) for shift in ([20, 0, 0], [-20, 0, 0], [-20, 0, 10])]
     assert all(each.outside.any() for each in views)
     # On its way from the right to the left it crosses the image.
     crossing = length_in_views(views[:2], PIXELS, OFF_SCREEN)
-    assert crossing <= seen.seen(square).length(PIXELS, OFF_SCREEN)
+    assert crossing <= seen_by(seen, square).length(PIXELS, OFF_SCREEN)
     assert crossing == length_in_views(views, PIXELS, OFF_SCREEN)
     assert length_in_views(views[1:], PIXELS, OFF_SCREEN) == views[1].length(PIXELS, OFF_SCREEN)
 
@@ -104,5 +104,5 @@ def test_between_two_frames_the_nearest_of_both_counts() -> None:
 def test_the_camera_inside_counts_the_nearest_depth() -> None:
     seen = View(np.eye(3, 4), 100.0, (50.0, 50.0), (100.0, 100.0), 0.1, True)
     around = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1.0, 1)])
-    assert seen.seen(around).depth == 0.1
-    assert replace(seen, near=0.2).seen(around).depth == 0.2
+    assert seen_by(seen, around).depth == 0.1
+    assert seen_by(replace(seen, near=0.2), around).depth == 0.2
