@@ -25,7 +25,6 @@ from .depth.distance_depth import Effort
 from .depth.face_depths import (
     METHODS,
     VERTICES,
-    ToleranceError,
     check_input,
     check_pose,
     check_tolerance,
@@ -44,6 +43,8 @@ from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
+from .tolerance.variation import ToleranceError, Variation
+from .tolerance.view import View
 
 __all__ = [
     "METHODS",
@@ -74,6 +75,8 @@ __all__ = [
     "ToleranceError",
     "TooManyFacesError",
     "TriangleMesh",
+    "Variation",
+    "View",
     "apply_boundary_rule",
     "at_corners",
     "at_vertices",
