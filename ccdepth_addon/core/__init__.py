@@ -25,7 +25,6 @@ from .depth.distance_depth import Effort
 from .depth.face_depths import (
     METHODS,
     VERTICES,
-    ToleranceError,
     check_input,
     check_pose,
     check_tolerance,
@@ -45,6 +44,7 @@ from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
 from .tolerance.surface_views import Seen, length_in_views, most_pixels, seen_by
+from .tolerance.variation import ToleranceError, Variation
 from .tolerance.view import View
 
 __all__ = [
@@ -77,6 +77,7 @@ __all__ = [
     "ToleranceError",
     "TooManyFacesError",
     "TriangleMesh",
+    "Variation",
     "View",
     "apply_boundary_rule",
     "at_corners",

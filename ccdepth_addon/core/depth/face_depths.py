@@ -18,6 +18,7 @@ from ..bounds.rounding import rounding_allowance, smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
+from ..tolerance.variation import ToleranceError
 from .certified_depth import certified_depths, certified_level_bounds
 from .distance_depth import Effort, distance_bounds_at, distance_depths, distance_level_bounds
 from .level_leaves import rings_around
@@ -30,10 +31,6 @@ if TYPE_CHECKING:
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
-
-
-class ToleranceError(ValueError):
-    """The error of a tolerance without meaning on the mesh. The message gives the reason in a modeller's words."""
 
 
 def face_depths(
