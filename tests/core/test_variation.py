@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tolerances that vary: adaptive meshes against dense samples of the limit surface, with its tolerance evaluated apart.
+
+Nearest points of triangles are found here by brute force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core import (
+    AdaptiveMesh,
+    AdaptiveRequest,
+    FloatArray,
+    Mode,
+    PolygonMesh,
+    SurfacePoints,
+    ToleranceError,
+    Variation,
+    View,
+    limit_values,
+    subdivide_adaptively,
+)
+from tests import meshes, soundness
+
+MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
+    "landscape": lambda seed: meshes.landscape(4, 3, seed),
+    "torus": lambda seed: meshes.bumpy(meshes.torus(7, 5), 0.1, seed),
+    "n-gons": lambda seed: meshes.bumpy(meshes.cylinder(7), 0.1, seed),
+    "creases": lambda seed: meshes.with_random_creases(meshes.landscape(3, 2, seed), seed),
+    "valence 7": lambda seed: meshes.bumpy(meshes.trapezohedron(7), 0.05, seed),
+    "hexagons": lambda seed: meshes.hexagons(2, 2, 0.2, seed),
+}
+
+# Distances are rounded a few times, to sixteen digits, and factors are powers of logarithms.
+ROUNDED = 1 + 1e-9
+
+# Samples of the surface are this near to one another in parts of a quarter of a face. The nearest sample of a point is
+# so little farther than the nearest point of the surface, measured in tolerances.
+SIDE, SPACED = 24, 1.03
+
+
+def nearest(points: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(P, 3) and (P,): the nearest points on triangles (M, 3, 3) of points (P, 3), and their distances: the foot in the
+    plane where it is inside, and otherwise the nearest point of a side."""
+    best, found = np.full(len(points), np.inf), np.zeros_like(points)
+    for a, b, c in triangles:
+        normal = np.cross(b - a, c - a)
+        size = normal @ normal
+        foot = points - ((points - a) @ normal / size)[:, None] * normal if size else np.repeat(a[None], len(points), 0)
+        inside = np.ones(len(points), dtype=bool) if size else np.zeros(len(points), dtype=bool)
+        for first, second in ((a, b), (b, c), (c, a)):
+            inside &= np.cross(second - first, foot - first) @ normal >= 0
+        candidates = [np.where(inside[:, None], foot, np.inf)]
+        for first, second in ((a, b), (b, c), (c, a)):
+            along = second - first
+            part = np.clip((points - first) @ along / max(along @ along, 1e-300), 0, 1)
+            candidates.append(first + part[:, None] * along)
+        for each in candidates:
+            distance = np.sqrt(((points - each) ** 2).sum(axis=1))
+            is_nearer = distance < best
+            best[is_nearer], found[is_nearer] = distance[is_nearer], each[is_nearer]
+    return found, best
+
+
+def dense(mesh: PolygonMesh, side: int) -> SurfacePoints:
+    """Points of the surface, evenly in the quarters of all faces."""
+    steps = (np.arange(side) + 0.5) / side
+    u, v = (each.ravel() for each in np.meshgrid(steps, steps))
+    corners = np.repeat(np.arange(mesh.corner_count), len(u))
+    return SurfacePoints(corners, np.tile(np.stack([u, v], axis=1), (mesh.corner_count, 1)))
+
+
+def factors_at(mesh: PolygonMesh, factors: FloatArray, points: SurfacePoints) -> FloatArray:
+    """(N,): the factors at points: geometric means of a quarter's four."""
+    found = np.empty(len(points.corners))
+    for corner in range(mesh.corner_count):
+        face = mesh.corner_faces[corner]
+        start, end = mesh.face_starts[face], mesh.face_starts[face + 1]
+        own = factors[start:end]
+        place, size = corner - start, end - start
+        after, before = own[(place + 1) % size], own[place - 1]
+        four = own[place], np.sqrt(own[place] * after), np.prod(own) ** (1 / size), np.sqrt(own[place] * before)
+        some = points.corners == corner
+        u, v = points.parameters[some].T
+        weights = (1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v
+        found[some] = np.prod([each**weight for each, weight in zip(four, weights, strict=True)], axis=0)
+    return found
+
+
+def random_factors(mesh: PolygonMesh, rng: np.random.Generator) -> FloatArray:
+    """Factors of vertices, as painted, or of faces, as by materials."""
+    if rng.random() < 0.5:
+        return 10.0 ** rng.random(mesh.vertex_count)[mesh.corner_vertices]
+    return 10.0 ** rng.random(mesh.face_count)[mesh.corner_faces]
+
+
+def random_view(mesh: PolygonMesh, rng: np.random.Generator) -> View:
+    """A camera that looks at some point of the mesh, from near or far, in any direction."""
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    target = mesh.positions[rng.integers(mesh.vertex_count)]
+    away = meshes.diagonal(mesh) * rng.uniform(0.4, 2)
+    to_camera = np.column_stack([rotation, [0, 0, away] - rotation @ target])
+    size, is_perspective = (200.0, 100.0), bool(rng.random() < 0.8)
+    focal = rng.uniform(80, 300) / (1 if is_perspective else away)
+    return View(to_camera, focal, (110.0, 40.0), size, 0.2 * meshes.diagonal(mesh), is_perspective)
+
+
+def made(mesh: PolygonMesh, limit: float, variation: Variation | None, **others: object) -> AdaptiveMesh:
+    request = replace(AdaptiveRequest(limit, Mode.ADAPTIVE, 100_000, variation=variation), **others)
+    return subdivide_adaptively(mesh, request, mesh.positions)
+
+
+def drawn_triangles(found: AdaptiveMesh) -> FloatArray:
+    return found.mesh.positions[soundness.drawn(found.mesh)]
+
+
+def build(name: str, seed: int) -> PolygonMesh:
+    return meshes.build(MESHES[name](seed))
+
+
+SEEDS = [pytest.param(seed, marks=pytest.mark.thorough) for seed in range(2, 19)]
+
+
+@pytest.mark.parametrize("seed", [1, *SEEDS])
+@pytest.mark.parametrize("name", MESHES)
+def test_surface_and_mesh_are_within_the_tolerance_of_the_surface_at_each_point(name: str, seed: int) -> None:
+    mesh, rng = build(name, seed), np.random.default_rng(seed)
+    factors, limit = random_factors(mesh, rng), 0.02 * meshes.diagonal(mesh)
+    found = made(mesh, limit, Variation(factors))
+    soundness.assert_sound(mesh, found.mesh)
+    assert np.all(found.ratios <= 1)
+    if np.diff(found.mesh.face_starts).max() > 4:
+        pytest.skip("Blender chooses the triangles of polygons")
+    triangles, samples = drawn_triangles(found), dense(mesh, SIDE)
+    surface, own = limit_values(mesh, mesh.positions, samples), limit * factors_at(mesh, factors, samples)
+    some = rng.choice(len(own), 200)
+    distances = nearest(surface[some], triangles)[1]
+    assert np.all(distances <= own[some] * found.ratios.max() * ROUNDED)
+    chosen = triangles[rng.integers(len(triangles), size=200)]
+    drawn = np.einsum("nk,nkd->nd", rng.dirichlet(np.full(3, 0.5), size=200), chosen)
+    off = np.linalg.norm(drawn[:, None] - surface, axis=2) / own
+    assert np.all(off.min(axis=1) <= SPACED)
+
+
+@pytest.mark.parametrize("seed", [1, *SEEDS])
+@pytest.mark.parametrize("name", MESHES)
+def test_the_image_of_the_surface_is_within_the_pixels(name: str, seed: int) -> None:
+    mesh, rng = build(name, seed), np.random.default_rng(seed)
+    views, pixels = tuple(random_view(mesh, rng) for _ in range(rng.integers(1, 3))), 2.0
+    found = made(mesh, pixels, Variation(views=views))
+    soundness.assert_sound(mesh, found.mesh)
+    assert np.all(found.ratios <= 1)
+    if np.diff(found.mesh.face_starts).max() > 4:
+        pytest.skip("Blender chooses the triangles of polygons")
+    surface = limit_values(mesh, mesh.positions, dense(mesh, 6))
+    surface = surface[rng.choice(len(surface), 300)]
+    there = nearest(surface, drawn_triangles(found))[0]
+    for view in views:
+        (before, depth), (after, other_depth) = images(view, surface), images(view, there)
+        seen = ((before >= 0) & (before <= view.size)).all(axis=1) & (np.minimum(depth, other_depth) >= view.near)
+        assert np.all(np.linalg.norm(after - before, axis=1)[seen] <= pixels * ROUNDED)
+
+
+def images(view: View, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The pixels (n, 2) of points (n, 3), and their depths."""
+    placed = points @ view.to_camera[:, :3].T + view.to_camera[:, 3]
+    divisor = placed[:, 2:] if view.is_perspective else 1.0
+    return view.focal * placed[:, :2] / divisor + view.center, placed[:, 2]
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_equal_factors_change_nothing(name: str) -> None:
+    mesh = build(name, 1)
+    limit = 0.01 * meshes.diagonal(mesh)
+    plain, even = made(mesh, limit, None), made(mesh, limit, Variation(np.ones(mesh.corner_count)))
+    np.testing.assert_array_equal(plain.mesh.positions, even.mesh.positions)
+    np.testing.assert_array_equal(plain.mesh.corner_vertices, even.mesh.corner_vertices)
+    np.testing.assert_array_equal(plain.bounds, even.bounds)
+
+
+def test_coarser_parts_have_fewer_faces() -> None:
+    """Half of a torus at ten times the tolerance, with and without an angle."""
+    mesh = build("torus", 1)
+    factors = np.where(mesh.positions[mesh.corner_vertices, 0] > 0, 10.0, 1.0)
+    limit = 2e-3 * meshes.diagonal(mesh)
+    for angle in (0.0, 0.5):
+        fine, varied = (made(mesh, limit, each, shading=angle) for each in (None, Variation(factors)))
+        assert len(varied.bounds) < 0.7 * len(fine.bounds)
+        assert np.all(varied.ratios <= 1)
+
+
+def test_tolerances_below_rounding_are_refused() -> None:
+    mesh = build("torus", 1)
+    factors = np.where(mesh.positions[mesh.corner_vertices, 0] > 0, 1.0, 1e-3)
+    with pytest.raises(ToleranceError, match="too fine"):
+        made(mesh, 0.1, Variation(factors), rounding=1e-3)
