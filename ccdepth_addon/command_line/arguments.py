@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..core import METHODS, Effort, Mode
-from ..state.properties import CAMERA_FRAMES_ITEMS, VERTEX_TEXTS
+from ..state.properties import CAMERA_FRAMES_ITEMS, TOLERANCE_BY_ITEMS, VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import LEAST, UNITS, angle, face_budget, face_limit, number_from, typed_tolerance, whole_number
@@ -164,6 +164,18 @@ def _add_actions(parser: Parser) -> None:
     for name, default in (("shading", 5), ("facet", 0)):
         text = f"largest {name} angle in degrees, 0 for no limit; {default} unless a .blend file says otherwise"
         add(f"--{name}-angle", type=angle, metavar="DEGREES", help=text)
+    add(
+        "--tolerance-by",
+        type=_name,
+        choices=[name for name, *_ in TOLERANCE_BY_ITEMS],
+        help="what the tolerance varies by",
+    )
+    add("--vertex-group", metavar="NAME", help="the vertex group with the weights")
+    add(
+        "--coarsest",
+        type=number_from("of 1 or more", 1.0),
+        help="how many times the tolerance is allowed where the weight is 0 (10)",
+    )
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
     add(
         "--in-place",

@@ -66,7 +66,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         exact_normals = self.exact_normals or self.shading_angle > 0
         with edit_mode_left(context) as edited:
             tasks = yield from self.read(context, objects, sources)
-            notes = [note for task in tasks for note in _notes(task, self.use_modifiers, exact_normals)]
+            notes = [note for task in tasks for note in _notes(task, settings, exact_normals)]
             answers = yield Work(partial(subdivide, tasks, settings), self._progress_text, self.counted)
             if self.reduce:
                 reducer = Reducer(context, settings, exact_normals=exact_normals)
@@ -89,6 +89,8 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
 
     def making_fault(self, blender_object: bpy.types.Object, source: bpy.types.Object) -> str | None:
         """The reason why the object cannot have a mesh made from the source, or None."""
+        if self.reduce and self.tolerance_by != "NONE":
+            return "Reduce takes one tolerance; turn Reduce off, or set Vary by to Nothing"
         if self.reduce and has_own_keys(source, use_modifiers=self.use_modifiers):
             return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
         return result_fault(blender_object, source)
@@ -117,10 +119,12 @@ def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> 
     return name_fault(source) if blender_object.is_editable else LINKED
 
 
-def _notes(task: AdaptiveTask, use_modifiers: bool, exact_normals: bool) -> list[str]:
-    """Notes on sculpting, custom normals and shape keys with an outcome that would surprise a user."""
+def _notes(task: AdaptiveTask, settings: AdaptiveSettings, exact_normals: bool) -> list[str]:
+    """Notes on sculpting, custom normals, shape keys and weights with an outcome that would surprise a user."""
     [source] = still_there([task.targets[0].source])
-    notes = []
+    notes, use_modifiers = [], settings.use_modifiers
+    if settings.tolerance_by == "VERTEX_GROUP" and task.least_factor == settings.coarsest > 1:
+        notes.append(f"“{settings.vertex_group}” has no weight above 0: the tolerance is the coarsest everywhere")
     if left_out_sculpting(source, use_modifiers=use_modifiers):
         notes.append("its Multiresolution modifier is not included, so the result lacks its sculpting")
     if source.data.has_custom_normals and not exact_normals:

@@ -126,6 +126,8 @@ def write_adaptive(
     record.subdivision = settings.mode
     record.base_faces = answer.task.surface.control.face_count
     record.largest_bound = float(bounds.max(initial=0.0))
+    if answer.task.variation is not None:
+        record.largest_ratio = float(rounded_up(answer.adaptive.ratios).max(initial=0.0))
     if has_angles:
         _write_angles(mesh, answer, settings)
 
@@ -160,6 +162,7 @@ def _new_record(
     record.subdivision = ""
     record.frames = ""
     record.unreduced_triangles = 0
+    record.largest_ratio = 0.0
     forget_angles(mesh)
     record.shows_deviation = False
     _write_inputs(record, settings, world_tolerance, len(depths))

@@ -95,6 +95,11 @@ FRAMES_ITEMS = (
     ("CUSTOM", "Frame List", "The frames of a list"),
 )
 
+TOLERANCE_BY_ITEMS = (
+    ("NONE", "Nothing", "The tolerance is the same everywhere"),
+    ("VERTEX_GROUP", "Vertex Group", "A weight of 1 has the tolerance, a weight of 0 the coarsest one"),
+    ("MATERIAL", "Material", "Each material has a factor on the tolerance"),
+)
 SUBDIVISION_MODES = (
     ("ADAPTIVE", "Adaptive", "Divide each part of a face only as far as the part needs: the fewest faces"),
     ("PER_FACE", "Per Face", "Divide each face evenly, as far as its most demanding part needs"),
@@ -278,6 +283,20 @@ class DivisionProperties:
         step=100,
         precision=3,
         subtype="ANGLE",
+    )
+    tolerance_by: EnumProperty(
+        name="Vary by", description="What the tolerance of a result depends on", items=TOLERANCE_BY_ITEMS
+    )
+    vertex_group: StringProperty(
+        name="Vertex Group", description="The name of the vertex group of each object whose weights vary the tolerance"
+    )
+    # Without a hard minimum, so that a bad one can be refused with a report.
+    coarsest: FloatProperty(
+        name="Coarsest",
+        description="How many times the tolerance is allowed where the weight is 0",
+        default=10.0,
+        soft_min=1.0,
+        soft_max=100.0,
     )
 
 

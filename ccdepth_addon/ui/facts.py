@@ -36,6 +36,9 @@ FACETS = (
 NARROW = "How many faces have parts narrower than the tolerance, where angles do not count"
 
 
+RATIO = "The largest proved distance in parts of the tolerance at its place, which varies"
+
+
 class Fact(NamedTuple):
     """A value with its name. meaning: for the tooltip."""
 
@@ -134,6 +137,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
         Fact("Tolerance", tolerance, ALLOWED),
         *_seen_from(record),
         Fact("Largest Distance", largest, proved),
+        *([Fact("Of Own Tolerance", f"{record.largest_ratio:.1%}", RATIO)] if record.largest_ratio else []),
         *angles,
         *([Fact("Narrow Parts", narrow, NARROW)] if record.narrow_leaves else []),
     ]

@@ -19,3 +19,17 @@ def draw_tolerance(column: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         column.prop_search(settings, "camera", scene, "objects", icon="CAMERA_DATA")
         column.prop(settings, "camera_frames", text="Frames")
         column.prop(settings, "off_screen_scale")
+
+
+def draw_variation(column: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """What the tolerance of results varies by, for the active object."""
+    settings, active = context.scene.ccdepth, context.active_object
+    column.prop(settings, "tolerance_by")
+    if settings.tolerance_by == "VERTEX_GROUP":
+        if active is not None and active.type == "MESH":
+            column.prop_search(settings, "vertex_group", active, "vertex_groups")
+        else:
+            column.prop(settings, "vertex_group")
+        column.prop(settings, "coarsest")
+    elif settings.tolerance_by == "MATERIAL" and active is not None and active.active_material is not None:
+        column.prop(active.active_material.ccdepth, "tolerance_factor", text=active.active_material.name)
