@@ -18,7 +18,7 @@ def draw_tolerance(column: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     if mode == "PIXELS":
         column.prop_search(settings, "camera", scene, "objects", icon="CAMERA_DATA")
         column.prop(settings, "camera_frames", text="Frames")
-        column.prop(settings, "off_screen_scale")
+        column.prop(settings, "off_screen_scale", text="Off-Screen")
 
 
 def draw_variation(column: bpy.types.UILayout, context: bpy.types.Context) -> None:
