@@ -18,14 +18,21 @@ from ccdepth_addon.core import (
     FloatArray,
     Mode,
     PolygonMesh,
+    Pose,
     SurfacePoints,
     ToleranceError,
     Variation,
     View,
+    common_level,
+    face_depths,
     limit_values,
+    pose_depths,
     subdivide_adaptively,
+    uniform_level,
 )
+from ccdepth_addon.core.adaptive.planner import plan_within
 from tests import meshes, soundness
+from tests.brute_force import Levels
 
 MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
     "landscape": lambda seed: meshes.landscape(4, 3, seed),
@@ -39,7 +46,7 @@ MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
 # Distances are rounded a few times, to sixteen digits, and factors are powers of logarithms.
 ROUNDED = 1 + 1e-9
 
-# Samples of the surface are this near to one another in parts of a quarter of a face. The nearest sample of a point is
+# So many samples of the surface are taken along a side of a quarter of a face. The nearest sample of a point is
 # so little farther than the nearest point of the surface, measured in tolerances.
 SIDE, SPACED = 24, 1.03
 
@@ -199,3 +206,93 @@ def test_tolerances_below_rounding_are_refused() -> None:
     factors = np.where(mesh.positions[mesh.corner_vertices, 0] > 0, 1.0, 1e-3)
     with pytest.raises(ToleranceError, match="too fine"):
         made(mesh, 0.1, Variation(factors), rounding=1e-3)
+
+
+def test_feet_and_places_are_within_the_tolerances_of_all_leaves_that_touch() -> None:
+    """A leaf's triangles may be near the surface of any of these. Here factors jump from face to face."""
+    mesh = build("torus", 1)
+    factors = np.random.default_rng(1).choice([1.0, 10.0], mesh.face_count)[mesh.corner_faces]
+    request = AdaptiveRequest(2e-3 * meshes.diagonal(mesh), Mode.ADAPTIVE, 100_000, variation=Variation(factors))
+    plan, _ = plan_within(mesh, request, lambda _: None)
+    tree, leaves = plan.tree, plan.tree.leaves()
+    around = dict.fromkeys(range(len(tree.vertex_edges)), np.inf)
+    of_leaves = []
+    for leaf in leaves.tolist():
+        slots = tree.slots(np.array([leaf]))
+        middles = tree.midpoints[tree.slot_edges[slots]]
+        of_leaves.append([*tree.slot_vertices[slots].tolist(), *middles[middles >= 0].tolist()])
+        for vertex in of_leaves[-1]:
+            around[vertex] = min(around[vertex], request.limit * factors[mesh.face_starts[tree.base_faces[leaf]]])
+    least = np.array([min(around[vertex] for vertex in own) for own in of_leaves])
+    bounds = np.minimum(plan.by_feet.values[leaves], plan.along_surface.values[leaves])
+    proved = np.isfinite(bounds) & np.isinf(plan.at_equal.values[leaves])
+    assert proved.any()
+    assert np.all(bounds[proved] <= least[proved] * ROUNDED)
+    np.testing.assert_allclose(plan.limits_around(leaves), least, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, *SEEDS])
+@pytest.mark.parametrize("method", ["CERTIFIED", "SHARP", "SECOND_ORDER"])
+def test_depths_are_within_the_finest_tolerance_of_each_face(method: str, seed: int) -> None:
+    mesh, rng = build("n-gons", seed), np.random.default_rng(seed)
+    factors, tolerance = random_factors(mesh, rng), 0.01 * meshes.diagonal(mesh)
+    finest = tolerance * np.array([factors[start:end].min() for start, end in _faces(mesh)])
+    levels = Levels(mesh)
+    found = face_depths(mesh, tolerance, method, "CONTROL", variation=Variation(factors))
+    assert np.all(found.bounds <= finest)
+    for depth in range(min(int(found.depths.max()), 4) + 1):
+        own = found.depths == depth
+        assert np.all(levels.distances(depth, "CONTROL", 2)[own] <= finest[own])
+    shallow = face_depths(mesh, tolerance, method, "CONTROL")
+    assert np.all(found.depths <= shallow.depths)
+    assert found.depths.sum() < shallow.depths.sum()
+
+
+def _faces(mesh: PolygonMesh) -> list[tuple[int, int]]:
+    return [*zip(mesh.face_starts[:-1].tolist(), mesh.face_starts[1:].tolist(), strict=True)]
+
+
+@pytest.mark.parametrize("seed", [1, *SEEDS])
+@pytest.mark.parametrize("name", ["landscape", "torus"])
+def test_the_level_for_all_faces_is_within_the_tolerance_at_each_point(name: str, seed: int) -> None:
+    """By distance, both ways. The finest part lies where the surface is nearly flat or not, as it happens."""
+    mesh, rng = build(name, seed), np.random.default_rng(seed)
+    factors, tolerance = random_factors(mesh, rng), 4e-3 * meshes.diagonal(mesh)
+    variation = Variation(factors)
+    level = uniform_level(mesh, tolerance, "DISTANCE", "LIMIT", variation=variation)
+    assert level <= uniform_level(mesh, tolerance, "DISTANCE", "LIMIT")
+    levels = Levels(mesh)
+    quads = levels.mesh(level).corner_vertices.reshape(-1, 4)
+    triangles = levels.limits(level)[quads[:, [[0, 1, 2], [0, 2, 3]]]].reshape(-1, 3, 3)
+    samples = dense(mesh, SIDE)
+    surface, own = limit_values(mesh, mesh.positions, samples), tolerance * factors_at(mesh, factors, samples)
+    some = rng.choice(len(own), 200)
+    assert np.all(nearest(surface[some], triangles)[1] <= own[some])
+    drawn = np.einsum(
+        "nk,nkd->nd", rng.dirichlet(np.ones(3), size=200), triangles[rng.integers(len(triangles), size=200)]
+    )
+    off = np.linalg.norm(drawn[:, None] - surface, axis=2) / own
+    # Faces are about a tenth of the diagonal wide: half the diagonal of four samples is less than 0.4 tolerances.
+    assert np.all(off.min(axis=1) <= np.hypot(1, 0.4))
+    pose = Pose(lambda: mesh, tolerance, variation)
+    found = pose_depths([pose, pose], "DISTANCE", "LIMIT")
+    assert common_level([([pose], "DISTANCE", "LIMIT", found)]) == level
+    np.testing.assert_array_equal(
+        found.depths, face_depths(mesh, tolerance, "DISTANCE", "LIMIT", variation=variation).depths
+    )
+
+
+def test_depths_in_pixels_grow_towards_the_camera() -> None:
+    mesh = meshes.build(meshes.landscape(12, 12))
+    to_camera = np.array([[1.0, 0, 0, -6], [0, 0, 1, 0], [0, 1, 0, 1]])
+    view = View(to_camera, 1000.0, (500.0, 500.0), (1000.0, 1000.0), 0.1, is_perspective=True)
+    depths = face_depths(mesh, 0.5, "DISTANCE", "LIMIT", variation=Variation(views=(view,))).depths
+    rows = mesh.positions[mesh.corner_vertices, 1].reshape(-1, 4).mean(axis=1)
+    assert depths[rows < 2].mean() > depths[rows > 10].mean() + 0.5
+
+
+def test_depths_below_rounding_are_refused() -> None:
+    mesh = build("torus", 1)
+    factors = np.where(mesh.positions[mesh.corner_vertices, 0] > 0, 1.0, 1e-12)
+    with pytest.raises(ToleranceError, match="finer than"):
+        face_depths(mesh, 0.1, "DISTANCE", "LIMIT", variation=Variation(factors))

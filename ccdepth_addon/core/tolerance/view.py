@@ -73,8 +73,12 @@ def least_around(mesh: PolygonMesh, values: FloatArray, count: int) -> FloatArra
     """(K, count): for the first faces of a mesh the least of values (K, V) at the vertices of a face and of all faces
     that share a vertex, whose hull holds the limit surface of the face."""
     of_faces = np.minimum.reduceat(values[:, mesh.corner_vertices], mesh.face_starts[:-1], axis=1)
-    around = np.full_like(values, np.inf)
-    for row, of_row in zip(around, of_faces, strict=True):
-        np.minimum.at(row, mesh.corner_vertices, of_row[mesh.corner_faces])
-    end = mesh.face_starts[count]
-    return np.minimum.reduceat(around[:, mesh.corner_vertices[:end]], mesh.face_starts[:count], axis=1)
+    return np.stack([least_of_touching(mesh, row)[:count] for row in of_faces])
+
+
+def least_of_touching(mesh: PolygonMesh, values: FloatArray) -> FloatArray:
+    """(F,): for each face the least of values (F,) over all faces that share a vertex with it."""
+    at_vertices = np.full(mesh.vertex_count, np.inf)
+    np.minimum.at(at_vertices, mesh.corner_vertices, values[mesh.corner_faces])
+    found: FloatArray = np.minimum.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
+    return found
