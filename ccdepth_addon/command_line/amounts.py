@@ -24,13 +24,13 @@ LEAST = nextafter(0.0, inf)
 MULTIPLES = {"": 1, "k": 1_000, "m": 1_000_000}
 
 # The longest symbols first: "mm" is not "m".
-_WITH_UNIT = re.compile(rf"(.*?)\s*({'|'.join(sorted(UNITS, key=len, reverse=True))}|%)")
+_WITH_UNIT = re.compile(rf"(.*?)\s*({'|'.join(sorted(UNITS, key=len, reverse=True))}|%|px)")
 
 
 @dataclass(frozen=True)
 class TypedTolerance:
     """A tolerance as typed. text: as typed. value: the number, for percents a fraction. unit: in metres, if the
-    tolerance has one. mode: ABSOLUTE or RELATIVE if the text says so."""
+    tolerance has one. mode: ABSOLUTE, RELATIVE or PIXELS if the text says so."""
 
     text: str
     value: float
@@ -46,14 +46,15 @@ class TypedTolerance:
 
 
 def typed_tolerance(text: str) -> TypedTolerance:
-    """A tolerance from 0.1mm, 0.01in, 0.1% or a bare number. Raises ArgumentTypeError."""
+    """A tolerance from 0.1mm, 0.01in, 0.1%, 0.5px or a bare number. Raises ArgumentTypeError."""
     found = _WITH_UNIT.fullmatch(text.strip())
     number, unit = found.groups() if found else (text, None)
     try:
         value = float(number)
     except ValueError as fault:
         raise ArgumentTypeError(
-            f"“{text}” is not a tolerance: give a number, a length like 0.1mm or 0.01in, or a part like 0.1%"
+            f"“{text}” is not a tolerance: give a number, a length like 0.1mm or 0.01in, a part like 0.1%, or "
+            "pixels like 0.5px"
         ) from fault
     if not 0 < value < inf:
         raise ArgumentTypeError(f"a tolerance is a finite number greater than zero, and “{text}” is not")
@@ -61,6 +62,8 @@ def typed_tolerance(text: str) -> TypedTolerance:
         return TypedTolerance(text, value)
     if unit == "%":
         return TypedTolerance(text, value / 100, mode="RELATIVE")
+    if unit == "px":
+        return TypedTolerance(text, value, mode="PIXELS")
     return TypedTolerance(text, value, UNITS[unit], "ABSOLUTE")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core import METHODS, Effort, Mode
 from ..exchange.mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
-from ..state.properties import VERTEX_TEXTS
+from ..state.properties import CAMERA_FRAMES_ITEMS, TOLERANCE_BY_ITEMS, VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import LEAST, UNITS, angle, face_budget, face_limit, number_from, typed_tolerance, whole_number
@@ -95,12 +95,20 @@ def _add_choices(parser: Parser) -> None:
     near.add_argument(
         "--tolerance",
         type=typed_tolerance,
-        help="largest distance allowed to the limit surface: 0.1mm, 0.01in, 0.1%% of the diagonal, or a bare number",
+        help="largest distance allowed to the limit surface: 0.1mm, 0.01in, 0.1%% of the diagonal, 0.5px of the "
+        "camera's image, or a bare number",
     )
     near.add_argument(
         "--faces", type=face_budget, help="find the best tolerance for a number of faces of the adaptive meshes: 50k"
     )
     mode = parser.add_mutually_exclusive_group()
+    add("--camera", metavar="NAME", help="the camera of a tolerance in pixels, by default the scene's")
+    add(
+        "--camera-frames",
+        type=_name,
+        choices=[name for name, *_ in CAMERA_FRAMES_ITEMS],
+        help="when that camera looks at the objects: on the current frame (default), or over the scene's range",
+    )
     lengths = {
         "relative": "a part of the diagonal of each object's dimensions (default, unless a .blend file says otherwise)",
         "absolute": "a distance in the scene",
@@ -163,6 +171,18 @@ def _add_actions(parser: Parser) -> None:
     for name, default in (("shading", 5), ("facet", 0)):
         text = f"largest {name} angle in degrees, 0 for no limit; {default} unless a .blend file says otherwise"
         add(f"--{name}-angle", type=angle, metavar="DEGREES", help=text)
+    add(
+        "--tolerance-by",
+        type=_name,
+        choices=[name for name, *_ in TOLERANCE_BY_ITEMS],
+        help="what the tolerance varies by",
+    )
+    add("--vertex-group", metavar="NAME", help="the vertex group with the weights")
+    add(
+        "--coarsest",
+        type=number_from("of 1 or more", 1.0),
+        help="how many times the tolerance is allowed where the weight is 0 (10)",
+    )
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
     add(
         "--in-place",

@@ -107,6 +107,8 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         answer_of(tolerance_found(bpy.context, tasks, adaptive, options.faces))
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
+    if is_checked and action in (SUBDIVIDE, LODS) and settings.tolerance_by != "NONE":
+        raise CommandError("a report is about one tolerance, and --tolerance-by varies it: leave the report out")
     targets = surfaces_of(objects, levels_of(action)) if is_checked else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [made for _, made in outcomes]

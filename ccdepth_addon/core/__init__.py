@@ -25,7 +25,6 @@ from .depth.distance_depth import Effort
 from .depth.face_depths import (
     METHODS,
     VERTICES,
-    ToleranceError,
     check_input,
     check_pose,
     check_tolerance,
@@ -44,6 +43,9 @@ from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
+from .tolerance.surface_views import Seen, length_in_views, most_pixels, seen_by
+from .tolerance.variation import ToleranceError, Variation
+from .tolerance.view import View
 
 __all__ = [
     "METHODS",
@@ -68,12 +70,15 @@ __all__ = [
     "Proof",
     "Reduction",
     "SampledSurface",
+    "Seen",
     "ShortIndexArray",
     "SubdividedMesh",
     "SurfacePoints",
     "ToleranceError",
     "TooManyFacesError",
     "TriangleMesh",
+    "Variation",
+    "View",
     "apply_boundary_rule",
     "at_corners",
     "at_vertices",
@@ -89,9 +94,11 @@ __all__ = [
     "interpolated",
     "interpolated_at_vertices",
     "largest_coordinates",
+    "length_in_views",
     "limit_normals",
     "limit_values",
     "measure_deviation",
+    "most_pixels",
     "nearest_vertices",
     "needed_quality",
     "no_report",
@@ -100,6 +107,7 @@ __all__ = [
     "pose_depths",
     "raised_depths",
     "rounding_allowance",
+    "seen_by",
     "smallest_step",
     "subdivide_adaptively",
     "uniform_level",

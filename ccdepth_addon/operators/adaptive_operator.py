@@ -144,7 +144,7 @@ def make_unplaced(
 
     # The shading angle is about the stored normals.
     exact_normals = holder.exact_normals or settings.shading_angle > 0
-    notes = [note for task in tasks for note in _notes(task, settings.use_modifiers, exact_normals)]
+    notes = [note for task in tasks for note in _notes(task, settings, exact_normals)]
     answers = yield Work(partial(subdivide, tasks, settings), text, counted)
     if not holder.reduce:
         return (yield from make_meshes(context, answers, settings, exact_normals=exact_normals)), notes
@@ -155,6 +155,8 @@ def make_unplaced(
 
 def making_fault(blender_object: bpy.types.Object, source: bpy.types.Object, holder: Any) -> str | None:
     """The reason why the object cannot have a mesh made from the source with the holder's settings, or None."""
+    if holder.reduce and holder.tolerance_by != "NONE":
+        return "Reduce takes one tolerance; turn Reduce off, or set Vary by to Nothing"
     if holder.reduce and has_own_keys(source, use_modifiers=holder.use_modifiers):
         return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
     return result_fault(blender_object, source)
@@ -166,10 +168,12 @@ def result_fault(blender_object: bpy.types.Object, source: bpy.types.Object) -> 
     return name_fault(source) if blender_object.is_editable else LINKED
 
 
-def _notes(task: AdaptiveTask, use_modifiers: bool, exact_normals: bool) -> list[str]:
-    """Notes on sculpting, custom normals and shape keys with an outcome that would surprise a user."""
+def _notes(task: AdaptiveTask, settings: AdaptiveSettings, exact_normals: bool) -> list[str]:
+    """Notes on sculpting, custom normals, shape keys and weights with an outcome that would surprise a user."""
     [source] = still_there([task.targets[0].source])
-    notes = []
+    notes, use_modifiers = [], settings.use_modifiers
+    if settings.tolerance_by == "VERTEX_GROUP" and task.least_factor == settings.coarsest > 1:
+        notes.append(f"“{settings.vertex_group}” has no weight above 0: the tolerance is the coarsest everywhere")
     if left_out_sculpting(source, use_modifiers=use_modifiers):
         notes.append("its Multiresolution modifier is not included, so the result lacks its sculpting")
     if source.data.has_custom_normals and not exact_normals:

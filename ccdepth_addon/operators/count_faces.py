@@ -76,7 +76,7 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
     def steps(self, context: bpy.types.Context) -> Steps[set[str]]:
         tasks = yield from self.read_chosen(context)
         fit = yield from tolerance_found(context, tasks, self.settings(), self.face_budget, self.counted)
-        unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
+        unit = {"RELATIVE": " of the diagonal", "PIXELS": " pixels"}.get(self.tolerance_mode, "")
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
         self.report({"INFO"}, text)
         return {"FINISHED"}

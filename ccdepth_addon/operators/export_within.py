@@ -169,6 +169,8 @@ class CCDEPTH_OT_export_within(MakingOperator):
         source = result_record.control_object(blender_object)
         if self.certificate and source != blender_object:
             return f"it is a result, and a certificate is about sources: select “{source.name}”"
+        if self.tolerance_by != "NONE":
+            return "a file is measured against one tolerance; set Vary by to Nothing"
         is_allowed = bpy.context.scene.ccdepth.subdivide_results
         if source == blender_object and result_record.is_adaptive(blender_object) and not is_allowed:
             return "it is a result without a source; turn Subdivide Results on to subdivide it once more"

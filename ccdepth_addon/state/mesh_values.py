@@ -31,6 +31,7 @@ from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from ..tasks.surfaces import SurfaceSettings, naming
+from ..tasks.views import seen_from
 
 # The fields of the record about angles.
 ANGLE_FIELDS = ("shading_angle", "facet_angle", "largest_shading_angle", "largest_facet_angle", "narrow_leaves")
@@ -144,6 +145,8 @@ def write_adaptive(
     record.subdivision = settings.mode
     record.base_faces = answer.task.surface.control.face_count
     record.largest_bound = float(bounds.max(initial=0.0))
+    if answer.task.variation is not None:
+        record.largest_ratio = float(rounded_up(answer.adaptive.ratios).max(initial=0.0))
     if has_angles:
         _write_angles(mesh, answer, settings)
 
@@ -178,6 +181,7 @@ def _new_record(
     record.subdivision = ""
     record.frames = ""
     record.unreduced_triangles = 0
+    record.largest_ratio = 0.0
     forget_angles(mesh)
     record.shows_deviation = False
     _write_inputs(record, settings, world_tolerance, len(depths))
@@ -213,7 +217,9 @@ def _write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: Me
 def _write_inputs(
     record: bpy.types.PropertyGroup, settings: SurfaceSettings, world_tolerance: float, faces: int
 ) -> None:
-    record.tolerance, record.tolerance_mode = settings.tolerance, settings.tolerance_mode
+    for name in ("tolerance", "tolerance_mode", "camera", "camera_frames", "off_screen_scale"):
+        setattr(record, name, getattr(settings, name))
+    record.seen_from = seen_from(bpy.context.scene, settings, getattr(settings, "frames", ""))
     record.world_tolerance = world_tolerance
     record.version = version()
     record.faces = faces

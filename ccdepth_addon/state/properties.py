@@ -16,9 +16,23 @@ from ..tasks.surfaces import shortest_decimal, typed_values
 DEFAULT_RELATIVE_TOLERANCE = 0.001
 DEFAULT_ABSOLUTE_TOLERANCE = 0.001
 
+# Half a pixel is hardly seen in a still image.
+DEFAULT_PIXELS = 0.5
+
 # The place of presets in folders of presets, and the settings that a preset holds.
 PRESETS = "ccdepth/tolerance"
-PRESET_SETTINGS = ("tolerance_mode", "relative_tolerance", "tolerance", "shading_angle", "facet_angle", "reduce")
+PRESET_SETTINGS = (
+    "tolerance_mode",
+    "relative_tolerance",
+    "tolerance",
+    "pixels",
+    "shading_angle",
+    "facet_angle",
+    "reduce",
+    "tolerance_by",
+    "coarsest",
+    "vertex_group",
+)
 
 # In radians: at 5° hardly anyone tells highlights from those of the limit surface.
 DEFAULT_SHADING_ANGLE = radians(5)
@@ -31,7 +45,9 @@ TOLERANCE_DESCRIPTION = "Largest distance allowed between the subdivided faces a
 TOLERANCE_MODES = (
     ("RELATIVE", "Relative", "The tolerance is a fraction of the diagonal of the object's dimensions"),
     ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale included"),
+    ("PIXELS", "Pixels", "The tolerance is a distance in the image of a camera, by default the scene's"),
 )
+TOLERANCE_NAMES = {"RELATIVE": "relative_tolerance", "ABSOLUTE": "tolerance", "PIXELS": "pixels"}
 AT_EQUAL_PARAMETERS = (
     ". Points are compared at equal parameters, with quads as bilinear patches. By Distance can ask for fewer levels, "
     "or for more on twisted quads"
@@ -80,12 +96,22 @@ EFFORT_ITEMS = (
     ("FULL", "Full", "Measure whatever might save faces, however long it takes"),
 )
 
+CAMERA_FRAMES_ITEMS = (
+    ("CURRENT", "Current Frame", "The scene as it is"),
+    ("SCENE", "Scene Range", "From the scene's first frame to its last, and between: the least distance counts"),
+)
+
 FRAMES_ITEMS = (
     ("CURRENT", "Current Frame", "The scene as it is"),
     ("SCENE", "Scene Range", "From the scene's first frame to its last, by its frame step"),
     ("CUSTOM", "Frame List", "The frames of a list"),
 )
 
+TOLERANCE_BY_ITEMS = (
+    ("NONE", "Nothing", "The tolerance is the same everywhere"),
+    ("VERTEX_GROUP", "Vertex Group", "A weight of 1 has the tolerance, a weight of 0 the coarsest one"),
+    ("MATERIAL", "Material", "Each material has a factor on the tolerance"),
+)
 SUBDIVISION_MODES = (
     ("ADAPTIVE", "Adaptive", "Divide each part of a face only as far as the part needs: the fewest faces"),
     ("PER_FACE", "Per Face", "Divide each face evenly, as far as its most demanding part needs"),
@@ -120,7 +146,7 @@ COLOR_RANGE_ITEMS = (
 
 def tolerance_name(tolerance_mode: str) -> str:
     """The name of the scene's setting that holds the tolerance."""
-    return "relative_tolerance" if tolerance_mode == "RELATIVE" else "tolerance"
+    return TOLERANCE_NAMES[tolerance_mode]
 
 
 def scene_tolerance(settings: Any) -> float:
@@ -160,6 +186,21 @@ def relative_tolerance_property(**others: Any) -> Any:
     )
 
 
+def pixels_property() -> Any:
+    """A number of pixels, likewise without a hard minimum."""
+    return FloatProperty(
+        name="Tolerance",
+        description="Largest distance allowed between the images of the subdivided faces and of the limit surface, in "
+        "pixels of the camera at the render size",
+        default=DEFAULT_PIXELS,
+        soft_min=0.01,
+        soft_max=10.0,
+        step=10,
+        precision=3,
+        subtype="PIXEL",
+    )
+
+
 class ToleranceProperties:
     """Settings of all computations, beside the tolerance itself."""
 
@@ -171,6 +212,24 @@ class ToleranceProperties:
         description="Include the modifiers above the Subdivision Surface modifier; without that modifier, all "
         "modifiers. Apply Adaptive Subdivision applies the included modifiers, and keeps all others",
         default=True,
+    )
+    camera: StringProperty(
+        name="Camera", description="The camera of a tolerance in pixels; empty for the scene's camera"
+    )
+    camera_frames: EnumProperty(
+        name="Camera Frames",
+        description="When the camera looks at the objects, for a tolerance in pixels. Objects keep their present shape",
+        items=CAMERA_FRAMES_ITEMS,
+        default="CURRENT",
+    )
+    # Without a hard minimum, so that a bad one can be refused with a report.
+    off_screen_scale: FloatProperty(
+        name="Off-Screen Scale",
+        description="How many times the tolerance in pixels is allowed on objects that are off screen by more than a "
+        "tenth of the image",
+        default=4.0,
+        soft_min=1.0,
+        soft_max=25.0,
     )
 
 
@@ -236,6 +295,20 @@ class DivisionProperties:
         step=100,
         precision=3,
         subtype="ANGLE",
+    )
+    tolerance_by: EnumProperty(
+        name="Vary by", description="What the tolerance of a result depends on", items=TOLERANCE_BY_ITEMS
+    )
+    vertex_group: StringProperty(
+        name="Vertex Group", description="The name of the vertex group of each object whose weights vary the tolerance"
+    )
+    # Without a hard minimum, so that a bad one can be refused with a report.
+    coarsest: FloatProperty(
+        name="Coarsest",
+        description="How many times the tolerance is allowed where the weight is 0",
+        default=10.0,
+        soft_min=1.0,
+        soft_max=100.0,
     )
 
 

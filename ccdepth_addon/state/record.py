@@ -42,6 +42,10 @@ class Inputs:
     tolerance: FloatProperty(description="The tolerance as it was given")
     tolerance_mode: StringProperty()
     world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
+    camera: StringProperty(description="The name of the camera as it was given; empty for the scene's")
+    camera_frames: StringProperty(default="CURRENT")
+    off_screen_scale: FloatProperty(default=4.0)
+    seen_from: StringProperty(description="Camera and frames of a tolerance in pixels; empty for other tolerances")
     use_modifiers: BoolProperty()
     version: StringProperty(description="The version of CC Depth")
     faces: IntProperty()
@@ -69,6 +73,20 @@ class Measurement(Inputs, bpy.types.PropertyGroup):
     )
 
 
+class MaterialSettings(bpy.types.PropertyGroup):
+    """The settings of a material."""
+
+    # Without a hard minimum, so that a bad one can be refused with a report.
+    tolerance_factor: FloatProperty(
+        name="Tolerance Factor",
+        description="How many times the tolerance is allowed on faces of this material, where the tolerance varies by "
+        "materials",
+        default=1.0,
+        soft_min=0.01,
+        soft_max=100.0,
+    )
+
+
 class MeshRecord(Inputs, bpy.types.PropertyGroup):
     """The outcomes on this mesh, and their inputs.
 
@@ -80,6 +98,9 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
     base_faces: IntProperty(description="Faces of the control mesh")
     unreduced_triangles: IntProperty(description="Triangles of the adaptive mesh without Reduce; 0 when not reduced")
     largest_bound: FloatProperty(description="The largest distance proved", subtype="DISTANCE")
+    largest_ratio: FloatProperty(
+        description="The largest ratio of a proved distance to the tolerance there; 0 where that is the same everywhere"
+    )
     shading_angle: FloatProperty(
         description="The shading angle as it was given; 0 without faces where it counts", subtype="ANGLE"
     )
@@ -128,7 +149,7 @@ class MeshRecord(Inputs, bpy.types.PropertyGroup):
     measurement: PointerProperty(type=Measurement)
 
 
-HOLDERS = {"Scene": SceneSettings, "Mesh": MeshRecord, "Object": ResultRecord}
+HOLDERS = {"Scene": SceneSettings, "Mesh": MeshRecord, "Object": ResultRecord, "Material": MaterialSettings}
 
 # Groups held by other groups come first.
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(

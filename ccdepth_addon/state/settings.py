@@ -20,7 +20,8 @@ def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:
     mode = MODES[chosen]
     if mode == settings.tolerance_mode:
         return
-    holders = known.objects_for_tolerance(bpy.context)
+    # A distance in the image is none on the object.
+    holders = [] if "PIXELS" in (mode, settings.tolerance_mode) else known.objects_for_tolerance(bpy.context)
     if len(holders) == 1:
         source = result_record.control_object(holders[0])
         diagonal = known.measured_diagonal(bpy.context, source, use_modifiers=settings.use_modifiers)
@@ -41,10 +42,11 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
 
     tolerance: properties.absolute_tolerance_property()
     relative_tolerance: properties.relative_tolerance_property(default=properties.DEFAULT_RELATIVE_TOLERANCE)
+    pixels: properties.pixels_property()
     shown_tolerance_mode: EnumProperty(
         name="Tolerance Mode",
-        description="How the tolerance is given. Switching keeps the distance, for the active object or the selected "
-        "one",
+        description="How the tolerance is given. Switching between Relative and Absolute keeps the distance, for the "
+        "active object or the selected one",
         items=properties.TOLERANCE_MODES,
         get=lambda self: MODES.index(self.tolerance_mode),
         set=_switch_mode,

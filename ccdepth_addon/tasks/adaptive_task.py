@@ -20,6 +20,7 @@ from ..core import (
     AdaptiveRequest,
     FloatArray,
     Mode,
+    Variation,
     check_tolerance,
     largest_coordinates,
     rounding_allowance,
@@ -40,17 +41,19 @@ from ..exchange.custom_normals import smooth_faces
 from ..exchange.data_blocks import Identity
 from ..exchange.evaluated import Evaluated, in_batches
 from ..exchange.modifiers import counted_modifiers, subdivision_modifier
+from ..exchange.tolerance_factors import factors_of_group, factors_of_materials
 from .surfaces import (
     LARGEST_TOLERANCE,
+    ComputeError,
     Faults,
     Surface,
     SurfaceSettings,
     refuse_bad_angles,
     refuse_bad_tolerance,
     shortest_decimal,
-    surface_of,
     surfaces_covering_others,
 )
+from .views import Views, read_views, surface_of
 
 # The largest relative change of a number by rounding to single precision.
 SINGLE_ROUNDING = 2.0**-24
@@ -86,12 +89,16 @@ FINEST = Level()
 @dataclass(frozen=True)
 class AdaptiveSettings(SurfaceSettings):
     """The settings of Apply Adaptive Subdivision; ``max_faces`` is for all results together, angles are in radians, 0
-    for none."""
+    for none. tolerance_by: NONE, VERTEX_GROUP with the name of a vertex group and the factor coarsest for a weight of
+    0, or MATERIAL."""
 
     mode: str
     max_faces: int
     shading_angle: float = 0.0
     facet_angle: float = 0.0
+    tolerance_by: str = "NONE"
+    vertex_group: str = ""
+    coarsest: float = 10.0
 
     def with_angles_times(self, factor: float) -> AdaptiveSettings:
         """The settings with angles times a factor, but less than a right angle."""
@@ -139,7 +146,7 @@ class AdaptiveTask:
     targets: the objects that get it, first the object it is made for; their sources have one mesh.
     dependencies: further data of the objects that the result depends on. surface: of the first target. allowance: the
     rounding of distances there, a length in the scene; stored: its part from storing positions. is_smooth: (F,) whether
-    faces of the control mesh are shaded smooth.
+    faces of the control mesh are shaded smooth. variation: of the tolerance; None for the same everywhere.
     """
 
     targets: list[Target]
@@ -148,6 +155,7 @@ class AdaptiveTask:
     allowance: float
     stored: float
     is_smooth: NDArray[np.bool_]
+    variation: Variation | None
 
     @property
     def object_names(self) -> list[str]:
@@ -170,15 +178,22 @@ class AdaptiveTask:
         return tuple((gram / max(np.trace(gram), np.finfo(float).tiny)).ravel().round(SHAPE_DECIMALS).tolist())
 
     @property
+    def least_factor(self) -> float:
+        """The least factor on the tolerance anywhere."""
+        factors = None if self.variation is None else self.variation.factors
+        return 1.0 if factors is None else float(factors.min())
+
+    @property
     def least_tolerance(self) -> float:
         """The least tolerance accepted, a length in the scene."""
-        return max(smallest_step(self.surface.control.in_world), 2 * self.allowance)
+        return max(smallest_step(self.surface.control.in_world), 2 * self.allowance) / self.least_factor
 
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
-        limit = tolerance - self.allowance
+        # Where the tolerance varies, the rounding is subtracted from each.
+        subtracted = self.allowance if self.variation is None else 0.0
         largest = float(np.abs(self.control.mesh.positions).max(initial=0.0))
         return AdaptiveRequest(
-            limit,
+            tolerance - subtracted,
             Mode(settings.mode),
             most_faces,
             self.control.world,
@@ -187,6 +202,8 @@ class AdaptiveTask:
             facets=settings.facet_angle,
             is_smooth=self.is_smooth,
             stored=self.stored,
+            rounding=self.allowance - subtracted,
+            variation=self.variation,
         )
 
 
@@ -222,9 +239,12 @@ def prepare_adaptive(
     """
     refuse_bad_tolerance(settings.tolerance)
     refuse_bad_angles(settings.shading_angle, settings.facet_angle)
+    if not 1 <= settings.coarsest < LARGEST_TOLERANCE:
+        raise ComputeError("Coarsest must be 1 or more")
     users_of: dict[bpy.types.Object, list[bpy.types.Object]] = {}
     for blender_object, user in zip(objects, users or objects, strict=True):
         users_of.setdefault(blender_object, []).append(user)
+    views = read_views(context, list(users or objects), settings)
     tasks: list[AdaptiveTask] = []
     shared: SharedMeshes = {}
     faults = Faults(list(users_of))
@@ -235,7 +255,7 @@ def prepare_adaptive(
         with counted_copies(context, batch, use_modifiers=settings.use_modifiers) as copies:
             for blender_object in batch:
                 with faults.of(blender_object.session_uid):
-                    tasks += _read_tasks(blender_object, users_of[blender_object], settings, shared, copies)
+                    tasks += _read_tasks(blender_object, users_of[blender_object], settings, views, shared, copies)
     faults.refuse()
     return _united(tasks, settings)
 
@@ -261,6 +281,7 @@ def _read_tasks(
     blender_object: bpy.types.Object,
     users: Sequence[bpy.types.Object],
     settings: AdaptiveSettings,
+    views: Views,
     shared: SharedMeshes,
     copies: Evaluated,
 ) -> list[AdaptiveTask]:
@@ -269,8 +290,18 @@ def _read_tasks(
     base = base_mesh(blender_object, copies, use_modifiers=settings.use_modifiers)
     steps = _mixing_steps(base.shape_keys)
     largest = _largest_coordinates(control, base.shape_keys)
-    is_smooth = smooth_faces(base)
-    return [_task(blender_object, user, control, settings, largest, steps, is_smooth) for user in users]
+    is_smooth, variation = smooth_faces(base), _variation(blender_object, base, settings)
+    return [
+        _task(blender_object, user, control, settings, views, largest, steps, is_smooth, variation) for user in users
+    ]
+
+
+def _variation(blender_object: bpy.types.Object, base: bpy.types.Mesh, settings: AdaptiveSettings) -> Variation | None:
+    """The variation of the tolerance over the control mesh of an object; None for the same everywhere. Raises
+    ControlMeshError."""
+    if settings.tolerance_by == "VERTEX_GROUP":
+        return Variation(factors_of_group(base, settings.vertex_group, settings.coarsest))
+    return Variation(factors_of_materials(blender_object, base)) if settings.tolerance_by == "MATERIAL" else None
 
 
 def _task(
@@ -278,15 +309,17 @@ def _task(
     user: bpy.types.Object,
     control: ControlMesh,
     settings: AdaptiveSettings,
+    views: Views,
     largest: FloatArray,
     steps: float,
     is_smooth: NDArray[np.bool_],
+    variation: Variation | None,
 ) -> AdaptiveTask:
     """The task of an object for an object that gets the result. largest: (3,) the largest coordinates; steps: the
     number of roundings of each; is_smooth: (F,) of the control mesh."""
     if user != blender_object:
         control = replace(control, world=np.array(user.matrix_world, dtype=np.float64)[:3, :3])
-    surface = surface_of(user, control, settings)
+    surface = surface_of(user, control, settings, views)
     in_world = control.in_world
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
@@ -297,6 +330,8 @@ def _task(
         blender_object.session_uid if counted_modifiers(blender_object, use_modifiers=settings.use_modifiers) else 0,
         # Results that do not share a mesh stay apart.
         None if user == blender_object else user.data.session_uid,
+        # Objects of one mesh may have materials of their own.
+        None if variation is None or variation.factors is None else variation.factors.tobytes(),
     )
     scale = gram_matrix(control.world)[np.triu_indices(3)]
     task = AdaptiveTask(
@@ -306,6 +341,7 @@ def _task(
         allowance=allowance,
         stored=stored,
         is_smooth=is_smooth,
+        variation=variation,
     )
     check_tolerance(surface.tolerance, task.least_tolerance)
     return task

@@ -37,7 +37,8 @@ from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
 from ..exchange.modifiers import OF_OBJECT, shown_vertices
 from .frames import frame_restored, typed_frames
 from .pose_groups import DepthRequest, PoseGroup, pose_groups
-from .surfaces import Faults, SurfaceSettings, refuse_bad_tolerance, surface_of
+from .surfaces import Faults, SurfaceSettings, refuse_bad_tolerance
+from .views import read_views, surface_of
 
 # The part of the time for depths; the rest is for the level that holds for all faces. Measured: depths take 40 s and
 # the rest 12 s on 90,000 faces with creases at random.
@@ -189,6 +190,8 @@ def _read_objects(
 ) -> Generator[str, None, None]:
     """Read the present objects, on a frame or without frames."""
     settings, use_modifiers = work.settings, work.settings.use_modifiers
+    # Depths with frames of their own are for the camera on each of these.
+    views = read_views(context, objects, settings if frame is None else replace(settings, camera_frames="CURRENT"))
     shared: SharedMeshes = {}
     read = 0
     for batch in in_batches(objects):
@@ -206,7 +209,7 @@ def _read_objects(
                     if frame is not None:
                         control = control.with_known_arrays(work.arrays)
                     task = _task_of(each, work)
-                    surface = surface_of(each, control, settings)
+                    surface = surface_of(each, control, settings, views)
                     task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
                     task.states.append(_state(each, settings, frame))
 

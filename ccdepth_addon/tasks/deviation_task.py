@@ -32,7 +32,8 @@ from ..exchange.displayed_mesh import ShownMesh, read_shown_mesh
 from ..exchange.evaluated import NO_ORIGIN, is_placed
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
-from .surfaces import NOT_PLACED, ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
+from .surfaces import NOT_PLACED, ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance
+from .views import Views, read_views, surface_of
 
 # The share of the progress that angles take.
 SHARE_OF_ANGLES = 0.2
@@ -134,10 +135,10 @@ def prepare_measurement(
     Raises ComputeError, naming every object at fault.
     """
     _refuse_bad_settings(settings)
-    own = objects == [target]
+    own, views = objects == [target], read_views(context, [target], settings)
     faults = Faults(objects if own else [target, *objects])
     with faults.of(target.session_uid):
-        task = _read_target(context, target, settings, own=own)
+        task = _read_target(context, target, settings, views, own=own)
     measured = []
     for blender_object in objects:
         with faults.of(blender_object.session_uid):
@@ -159,23 +160,23 @@ def prepare_targets(
     Raises ComputeError, naming every object at fault.
     """
     _refuse_bad_settings(settings)
-    faults = Faults(targets)
+    faults, views = Faults(targets), read_views(context, targets, settings)
     tasks = []
     for target in targets:
         with faults.of(target.session_uid):
-            tasks.append(_read_target(context, target, settings, own=False))
+            tasks.append(_read_target(context, target, settings, views, own=False))
     faults.refuse()
     return tasks
 
 
 def _read_target(
-    context: bpy.types.Context, target: bpy.types.Object, settings: MeasureSettings, *, own: bool
+    context: bpy.types.Context, target: bpy.types.Object, settings: MeasureSettings, views: Views, *, own: bool
 ) -> MeasureTask:
     if not is_placed(context.view_layer, target):
         raise ControlMeshError(f"{NOT_PLACED}, so its place in the scene is not known; show it first")
     control = read_alone(context, target, use_modifiers=settings.use_modifiers)
     validate(control.in_world)
-    surface = surface_of(target, control, settings)
+    surface = surface_of(target, control, settings, views)
     place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
     return MeasureTask(surface, place[:3, 3], own, [])
 

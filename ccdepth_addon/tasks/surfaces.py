@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
 import bpy
@@ -44,12 +44,16 @@ class ComputeError(ValueError):
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """The settings of all computations: ``tolerance`` is a length in the scene or a fraction of the diagonal, by
-    ``tolerance_mode``."""
+    """The settings of all computations: ``tolerance`` is a length in the scene, a fraction of the diagonal, or a number
+    of pixels, by ``tolerance_mode``. camera: the name of the camera with the pixels, empty for the scene's;
+    camera_frames: CURRENT or SCENE; off_screen_scale: the factor of the tolerance off screen."""
 
     tolerance: float
     tolerance_mode: str
     use_modifiers: bool
+    camera: str = field(default="", kw_only=True)
+    camera_frames: str = field(default="CURRENT", kw_only=True)
+    off_screen_scale: float = field(default=4.0, kw_only=True)
 
     @classmethod
     def of(cls, holder: Any, tolerance: float, **others: Any) -> Self:
@@ -151,12 +155,6 @@ def refuse_bad_angles(*angles: float) -> None:
     """Raise ComputeError unless each angle, in radians, is 0 or more and less than a right angle."""
     if not all(0 <= angle < RIGHT_ANGLE for angle in angles):
         raise ComputeError("An angle must be 0° or more, and less than 90°")
-
-
-def surface_of(blender_object: bpy.types.Object, control: ControlMesh, settings: SurfaceSettings) -> Surface:
-    """The surface of an object, with the tolerance as a length."""
-    relative = settings.tolerance_mode == "RELATIVE"
-    return Surface(Identity.of(blender_object), control, settings.tolerance * (control.diagonal() if relative else 1.0))
 
 
 # Meshes without extent or with positions that are not finite are refused later.

@@ -11,6 +11,7 @@ from ..state.chosen import chosen
 from .facts import angles_fact, count_fact, counts_of, draw_facts, facts_of, made_objects, short_count
 from .panels import UP_TO_DATE, draw_main_button, draw_object_rows, draw_state_line, result_line
 from .sidebar import SidebarPanel, draw_alert, draw_button, settings_column
+from .variation import draw_variation
 
 
 class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
@@ -38,6 +39,7 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             column.prop(settings, "output")
         column.prop(settings, "shading_angle")
         column.prop(settings, "facet_angle")
+        draw_variation(column, context)
         column.prop(settings, "reduce")
         _draw_keys_line(column, context)
         budget = settings_column(layout).row(align=True)

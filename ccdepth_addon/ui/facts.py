@@ -36,6 +36,9 @@ FACETS = (
 NARROW = "How many faces have parts narrower than the tolerance, where angles do not count"
 
 
+RATIO = "The largest proved distance in parts of the tolerance at its place, which varies"
+
+
 class Fact(NamedTuple):
     """A value with its name. meaning: for the tooltip. is_detail: whether it is of interest to few."""
 
@@ -77,6 +80,7 @@ def facts_of(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fa
 
 def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
     facts = [_deepest([record]), Fact("Tolerance", length_text(scene, record.world_tolerance), ALLOWED, is_detail=True)]
+    facts += _seen_from(record)
     if record.frames:
         meaning = "The computed frames: each face has its deepest depth"
         facts.insert(1, Fact("Frames", record.frames, meaning))
@@ -92,6 +96,13 @@ def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[
         meaning = "The number of faces for which lesser depths were not measured; Effort Full measures them"
         facts.append(Fact("Might Need Less", f"{record.faces_left:,}", meaning))
     return facts
+
+
+def _seen_from(record: bpy.types.PropertyGroup) -> list[Fact]:
+    """The camera of a tolerance in pixels, with the pixels."""
+    meaning = "The camera that sees the tolerance as this many pixels, and its frames"
+    text = f"{record.tolerance:.3g} px of {record.seen_from}"
+    return [Fact("Seen From", text, meaning)] if record.seen_from else []
 
 
 def _deepest(records: Sequence[bpy.types.PropertyGroup]) -> Fact:
@@ -137,7 +148,9 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
             is_detail=True,
         ),
         Fact("Tolerance", tolerance, ALLOWED, is_detail=True),
+        *_seen_from(record),
         Fact("Distance", largest, proved),
+        *([Fact("Of Own Tolerance", f"{record.largest_ratio:.1%}", RATIO)] if record.largest_ratio else []),
         *angles,
         *([Fact("Narrow Parts", narrow, NARROW, is_detail=True)] if record.narrow_leaves else []),
     ]
@@ -158,7 +171,8 @@ def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[
 
 def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> tuple[str, list[Fact]]:
     """The tolerance of the measurement on a mesh, as text, and the facts about the measurement."""
-    allowed = record.measurement.world_tolerance
+    found = record.measurement
+    allowed = found.world_tolerance
     unit = common_unit(scene, (record.deviation, record.deviation_reached, allowed))
     most, tolerance = bound_texts(scene, record.deviation, allowed, unit)
     least = length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)
@@ -166,6 +180,7 @@ def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup
     return tolerance, [
         Fact("At Most", most, "The proved largest distance, both ways"),
         Fact("At Least", least, reached),
+        *_seen_from(found),
         Fact("Facets", angle_text(record.deviation_facet_angle), f"{AT_SAMPLES} of the triangles"),
         Fact("Shading", angle_text(record.deviation_shading_angle), f"{AT_SAMPLES} of the shading"),
     ]

@@ -22,6 +22,7 @@ from .lengths import count_text
 from .manual import draw_manual_button
 from .sidebar import NAME_PART, SidebarPanel, draw_alert, draw_button, settings_column
 from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
+from .variation import draw_tolerance
 
 SWATCH_SIZE = 16
 
@@ -54,10 +55,7 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
         _draw_objects(column, context)
         column.prop(settings, "use_modifiers")
         column.row().prop(settings, "shown_tolerance_mode", text="Tolerance", expand=True)
-        if settings.tolerance_mode == "RELATIVE":
-            column.prop(settings, "relative_tolerance", text="Fraction")
-        else:
-            column.prop(settings, "tolerance", text="Distance")
+        draw_tolerance(column, context.scene)
         # Its room is there when it has nothing to say.
         split = column.split(factor=NAME_PART)
         split.label(text="")

@@ -17,6 +17,7 @@ from bl_ui.utils import PresetPanel
 from ..state.known import objects_for_tolerance, shown_diagonal
 from ..state.properties import PRESET_SETTINGS, PRESETS, scene_tolerance, tolerance_name
 from ..tasks.surfaces import shortest_decimal, typed_values
+from ..tasks.views import camera_name
 from .facts import lengths_text
 from .lengths import length_text, number_text
 
@@ -35,6 +36,13 @@ DISTANCES = {
     "Print 0.1 mm": (0.0001, 0.0, 15.0, False),
     "Print 0.05 mm": (0.00005, 0.0, 10.0, False),
     "CAD Exchange": (0.00001, 0.0, 10.0, False),
+}
+
+
+VARIATIONS = {
+    "NONE": "the same everywhere",
+    "VERTEX_GROUP": "coarser by weights",
+    "MATERIAL": "by factors of materials",
 }
 
 
@@ -57,14 +65,18 @@ class Preset(NamedTuple):
 
     def told(self, scene: bpy.types.Scene) -> str:
         """The settings in words."""
-        relative = self.mode == "RELATIVE"
-        tolerance = f"{self.tolerance:.6g} of the size" if relative else length_text(scene, self.tolerance, digits=6)
+        parts = {"RELATIVE": "of the size", "PIXELS": "pixels"}
+        tolerance = length_text(scene, self.tolerance, digits=6)
+        if self.mode in parts:
+            tolerance = f"{self.tolerance:.6g} {parts[self.mode]}"
         texts = [f"Tolerance {tolerance}"]
         for name, text in (("shading_angle", "shading angle"), ("facet_angle", "facet angle")):
             if name in self.values:
                 texts.append(f"{text} {degrees(self.values[name]):.4g}°" if self.values[name] else f"no {text}")
         if "reduce" in self.values:
             texts.append("Reduce on" if self.values["reduce"] else "Reduce off")
+        if "tolerance_by" in self.values:
+            texts.append(VARIATIONS[self.values["tolerance_by"]])
         return ", ".join(texts)
 
 
@@ -108,7 +120,9 @@ def presets(scene: bpy.types.Scene) -> list[Preset]:
         # A file with other contents is no preset.
         with suppress(KeyError, ValueError, SyntaxError):
             texts = dict(re.findall(r"ccdepth\.(\w+) = (.+)", path.read_text(encoding="utf-8")))
-            unused = {"relative_tolerance", "tolerance"} - {tolerance_name(literal_eval(texts["tolerance_mode"]))}
+            unused = {"relative_tolerance", "tolerance", "pixels"} - {
+                tolerance_name(literal_eval(texts["tolerance_mode"]))
+            }
             names = [name for name in PRESET_SETTINGS if name in texts and name not in unused]
             own = Preset("", {name: literal_eval(texts[name]) for name in names}, is_own=True)
             if isfinite(own.tolerance):
@@ -139,8 +153,11 @@ MOST_OBJECTS = 8
 
 def tolerance_text(context: bpy.types.Context) -> str:
     """The scene's tolerance as a length or a part of the active object, or of the selected objects if the active one is
-    no mesh; empty if the sizes are unknown and the field shows all digits."""
+    no mesh; empty if the sizes are unknown and the field shows all digits. Of pixels, the camera."""
     scene, settings = context.scene, context.scene.ccdepth
+    if settings.tolerance_mode == "PIXELS":
+        camera = camera_name(scene, settings)
+        return f"of “{camera}”" if camera else "The scene has no camera"
     relative = settings.tolerance_mode == "RELATIVE"
     tolerance = scene_tolerance(settings)
     texts = []

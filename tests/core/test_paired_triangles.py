@@ -55,7 +55,7 @@ def test_a_leaf_has_near_points_within_its_angle_both_ways(seed: int) -> None:
     plan.approximate(leaves)
     bound_at_equal(plan, leaves)
     bound_angles(plan, leaves)
-    angle, reach = plan.shading.values[face], min(plan.paired.values[face], plan.request.reach)
+    angle, reach = plan.shading.values[face], min(plan.paired.values[face], plan.reaches(leaves)[0])
     if not np.isfinite(angle):
         pytest.skip("there are no pairs")
     drawn, stored = drawn_of(plan, face)

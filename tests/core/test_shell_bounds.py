@@ -44,7 +44,7 @@ def landscape(bumps: float, seed: int, limit: float = 1.0, away: float = 0.0) ->
     quads = mesh.corner_vertices.reshape(-1, 4)
     vertices = np.take_along_axis(quads[:, None], QUAD_TRIANGLES[is_turned.astype(int)], axis=2).reshape(-1, 3)
     triangles = Triangles.of(mesh.positions[vertices], vertices)
-    return Shell.of(triangles, np.ones(mesh.vertex_count, dtype=bool), limit)
+    return Shell.of(triangles, np.ones(mesh.vertex_count, dtype=bool), np.full(len(vertices), limit))
 
 
 def moved_pieces(shell: Shell, size: float, seed: int) -> Pieces:
@@ -91,7 +91,8 @@ def test_hulls_higher_than_their_surface_count_at_walls(
     count = len(columns)
     first = (np.arange(3)[:, None] * count + np.arange(count - 1)).reshape(-1, 1, 1)
     vertices = (first + np.array([[0, 1, count + 1], [0, count + 1, count]])).reshape(-1, 3)
-    shell = Shell.of(Triangles.of(positions[vertices], vertices), np.ones(len(positions), dtype=bool), 0.01)
+    limits = np.full(len(vertices), 0.01)
+    shell = Shell.of(Triangles.of(positions[vertices], vertices), np.ones(len(positions), dtype=bool), limits)
     corners = positions[vertices]
     own = (corners[..., 0].min(axis=1) == 0) & (np.abs(corners[..., 1]).max(axis=1) < 1)
     own &= np.count_nonzero(corners[..., 0] == 0, axis=1) == 2

@@ -55,7 +55,7 @@ def assert_both_ways(mesh: PolygonMesh, plan: Plan, tessellation: TessellationPl
     assert np.all(there <= bounds[owners] + step / 2)
     over = np.einsum("gk,kni->gni", BASIS, plan.surfaces.coefficients(leaves))
     back = distances(over.reshape(-1, 3), made.positions, triangles).reshape(len(BASIS), -1).max(axis=0)
-    told = bounds_both_ways(plan, leaves)
+    told, _ = bounds_both_ways(plan, leaves)
     # Points are off by a few roundings.
     assert np.all(back <= told * (1 + 1e-9))
     # But at equal parameters, the triangles of any leaf around may be the nearest.
@@ -98,7 +98,7 @@ def test_errors_along_normals_are_those_of_samples_at_most(kind: str) -> None:
             off = flat - derivative(net, weights @ corners, 0, 0)
             reached = np.maximum(reached, np.abs(np.einsum("spd,qpd->sqp", off, normals)).max(axis=(0, 1)))
         coefficients = np.einsum("rk,kpd->rpd", NET_TO_BERNSTEIN, net.reshape(16, -1, 3))
-        bounds = template_feet(coefficients, np.full(40, number), *np.zeros((2, 40)), 0.0)
+        bounds = template_feet(coefficients, np.full(40, number), *np.zeros((3, 40)))
         assert np.all(reached <= bounds)
         shares.append((reached / bounds)[np.isfinite(bounds)])
     # Half of the bounds are less than twice too large.

@@ -64,7 +64,7 @@ def are_narrow_leaves(plan: Plan, leaves: IndexArray) -> BoolArray:
     """(n,) bool: whether leaves are quads too narrow to count."""
     found = plan.tree.is_quad(leaves)
     corners = plan.positions.of(plan.tree.slot_vertices[plan.tree.quad_slots(leaves[found])].ravel())
-    found[found] = are_narrow(corners.reshape(-1, 4, 3).swapaxes(0, 1), plan.request.reach)
+    found[found] = are_narrow(corners.reshape(-1, 4, 3).swapaxes(0, 1), plan.reaches(leaves[found]))
     return found
 
 
@@ -82,7 +82,7 @@ def ways_by_normals(plan: Plan, leaves: IndexArray) -> IndexArray:
 def bound_angles(plan: Plan, leaves: IndexArray) -> None:
     """Bound the angles of shading and of facets of leaves, ascending, and the distances of the pairs; infinite where
     nothing is proved. Parts too narrow to count are left out."""
-    limit, approximation = plan.request.limit, plan.approximation(leaves)
+    limits, approximation = plan.limits.values[leaves], plan.approximation(leaves)
     triangles = LeafTriangles.of(plan, leaves, approximation)
     corners, firsts = triangles.corners(plan), triangles.firsts
     is_polygon = ~plan.tree.is_quad(leaves) & (plan.tree.slot_counts(leaves) > 3)
@@ -94,7 +94,7 @@ def bound_angles(plan: Plan, leaves: IndexArray) -> None:
 
     def prove(drawn: PairedTriangles, added: FloatArray, off: FloatArray, *, is_along_axis: bool) -> None:
         """Bound the angles of pairs that are near enough, and note distances within the limit."""
-        within, paired = off <= limit, (off <= plan.request.reach) & (angles > wanted).any(axis=0)
+        within, paired = off <= limits, (off <= plan.reaches(leaves)) & (angles > wanted).any(axis=0)
         distances[within] = np.minimum(distances[within], off[within])
         found = MeasuredAngles.none(drawn, wanted[:, triangles.leaves] - added, is_along_axis=is_along_axis)
         for some, form, is_narrow in _of_leaves(pieces, drawn, paired):
@@ -128,9 +128,9 @@ def _pieces(
     semi_sharp = are_semi_sharp(plan, leaves)
     for tiles in joined_by_points(drawn_tiles(plan, leaves, _levels(plan, leaves))):
         sizes = _sizes(tiles.tiles)
-        narrow = semi_sharp[tiles.leaves] & (sizes.min(axis=0) < plan.request.reach)
+        narrow = semi_sharp[tiles.leaves] & (sizes.min(axis=0) < plan.reaches(leaves)[tiles.leaves])
         plan.has_narrow.values[leaves[tiles.leaves[narrow]]] = True
-        narrow |= sizes.max(axis=0) < REST_OF_LIMIT * plan.request.limit
+        narrow |= sizes.max(axis=0) < REST_OF_LIMIT * plan.limits.values[leaves[tiles.leaves]]
         for is_narrow in (False, True):
             some = tiles.at(np.flatnonzero(narrow == is_narrow))
             if len(some.leaves):
@@ -159,7 +159,8 @@ def _levels(plan: Plan, leaves: IndexArray) -> int:
     starts = np.cumsum(counts) - counts
     corners = plan.positions.of(plan.tree.slot_vertices[plan.tree.slots(others)])
     sizes = lengths(np.maximum.reduceat(corners, starts) - np.minimum.reduceat(corners, starts))
-    needed = np.ceil(np.log2(4 * np.maximum(sizes.max() / (REST_OF_LIMIT * plan.request.limit), 1 / REST_OF_LEAF)))
+    of_limits = (sizes / (REST_OF_LIMIT * plan.limits.values[others])).max()
+    needed = np.ceil(np.log2(4 * np.maximum(of_limits, 1 / REST_OF_LEAF)))
     return int(np.clip(needed, 2, MOST_REFINED_LEVELS))
 
 

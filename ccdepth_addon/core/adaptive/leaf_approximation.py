@@ -68,10 +68,16 @@ class LeafApproximation:
 
 
 def approximate_quads(
-    points: FloatArray, is_split: BoolArray, is_border: BoolArray, are_bicubic: BoolArray, request: AdaptiveRequest
+    points: FloatArray,
+    is_split: BoolArray,
+    is_border: BoolArray,
+    are_bicubic: BoolArray,
+    limits: FloatArray,
+    axes: FloatArray,
 ) -> LeafApproximation:
     """The approximation of quads. points: (9, P, 3), of quads and their centres. is_split, is_border: (4, P) bool,
-    whether sides are split, and whether the curve has to follow the side instead of the plane alone."""
+    whether sides are split, and whether the curve has to follow the side instead of the plane alone. limits: (P,), the
+    largest distances allowed. axes: of the space where Blender triangulates."""
     found = LeafApproximation.none(points.shape[1])
     found.patterns[:] = PATTERN_BITS @ is_split
     off = np.stack([points[middle] - (points[start] + points[end]) / 2 for middle, start, end in CHORDS])
@@ -83,11 +89,11 @@ def approximate_quads(
         away = off[side, at_border]
         missed[side, at_border] = lengths(away - dot_products(away, chord)[:, None] * chord)
     sampled, heights = (_of_templates(each, is_split, found.patterns) for each in (distances, missed))
-    by_distance = sampled.min(axis=0) <= request.limit
+    by_distance = sampled.min(axis=0) <= limits
     found.alternatives[:] = np.where(by_distance, sampled.argmin(axis=0), heights.argmin(axis=0))
     least = heights.min(axis=0)
-    found.accepted[:] = (least <= request.limit) & (found.patterns != ALL_SPLIT)
-    found.folded[:] = _are_folded(points, found, request.axes)
+    found.accepted[:] = (least <= limits) & (found.patterns != ALL_SPLIT)
+    found.folded[:] = _are_folded(points, found, axes)
     for each, rows in zip((found.along_u, found.along_v), CHORDS_ALONG, strict=True):
         each[:] = missed[rows].max(axis=0)
     # Any split halves an error along the diagonals alone: split the longer sides.
@@ -132,11 +138,13 @@ def _are_folded(points: FloatArray, found: LeafApproximation, axes: FloatArray) 
     return folded
 
 
-def approximate_polygons(refinement: Refinement, is_split: BoolArray, request: AdaptiveRequest) -> LeafApproximation:
+def approximate_polygons(
+    refinement: Refinement, is_split: BoolArray, limits: FloatArray, request: AdaptiveRequest
+) -> LeafApproximation:
     """The approximation of the faces of a refinement, none of them quads. is_split: (C,) bool, the split sides, face by
-    face. Triangles have the triangles of their templates; other faces are drawn whole, with the middles of split
-    sides."""
-    mesh, limit = refinement.mesh, request.limit
+    face. limits: (P,), the largest distances allowed. Triangles have the triangles of their templates; other faces are
+    drawn whole, with the middles of split sides."""
+    mesh = refinement.mesh
     count = len(refinement.bases)
     sizes, starts = mesh.face_sizes[:count], mesh.face_starts[:count]
     found = LeafApproximation.none(count)
@@ -166,7 +174,7 @@ def approximate_polygons(refinement: Refinement, is_split: BoolArray, request: A
         found.thickness[polygons] = polygon_thickness(
             facets[:, kept], is_split[kept], of_polygons, request.axes, largest=request.largest_coordinate
         )
-    found.accepted[:] = (least <= limit) & (found.thickness <= limit) & ~np.logical_and.reduceat(is_split, starts)
+    found.accepted[:] = (least <= limits) & (found.thickness <= limits) & ~np.logical_and.reduceat(is_split, starts)
     return found
 
 

@@ -3,7 +3,9 @@
 
 A bicubic leaf within the limit at equal parameters has that bound, and otherwise a bound by feet on the surface
 (``template_feet``). All other leaves have bounds by places in a shell (docs/distance.md, Shells), independent of
-parameters. A leaf that is not bicubic and has no places is compared at equal parameters after all.
+parameters. A leaf that is not bicubic and has no places is compared at equal parameters after all. A leaf compared at
+equal parameters, with its own surface, has to be within its own limit; any other leaf has to be within the least limit
+of the leaves around, as its triangles may be near their surface (docs/tolerance.md).
 """
 
 from __future__ import annotations
@@ -45,8 +47,8 @@ PIECES_AT_ONCE, MOST_PIECES = 1 << 13, 1 << 15
 LEAVES_AT_ONCE, FEW_LEAVES_AT_ONCE = 1 << 14, 1 << 11
 
 # Raises the bounds found (n,) to the bounds of pieces of a form, by the bases (P,) of pieces; infinite beyond the
-# limit.
-Include = Callable[[FloatArray, IndexArray, Pieces, Form], None]
+# limits (n,).
+Include = Callable[[FloatArray, IndexArray, Pieces, Form, FloatArray], None]
 
 
 def unbounded(plan: Plan) -> IndexArray:
@@ -66,17 +68,16 @@ def unbounded(plan: Plan) -> IndexArray:
 
 def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
     """Bound the stale leaves among some, ascending. Returns the leaves without a bound within the limit."""
-    limit = plan.request.limit
     stale = leaves[plan.is_stale.values[leaves]]
-    wanted = stale[plan.at_equal.values[stale] > limit]
+    wanted = stale[np.isinf(plan.at_equal.values[stale])]
     if plan.request.has_angles:
         # Leaves paired with their own triangles need no other bound, but for the leaves around that do.
         every = plan.tree.leaves()
-        around = with_rings(plan.tree, every[plan.paired.values[every] > limit], 1)
+        around = with_rings(plan.tree, every[np.isinf(plan.paired.values[every])], 1)
         wanted = np.intersect1d(wanted, around, assume_unique=True)
-    had_feet = plan.by_feet.values[wanted] <= limit
+    had_feet = np.isfinite(plan.by_feet.values[wanted])
     plan.by_feet.values[wanted] = bounds_by_feet(plan, wanted)
-    has_feet = plan.by_feet.values[wanted] <= limit
+    has_feet = np.isfinite(plan.by_feet.values[wanted])
     # The bound of a leaf depends on whether its neighbours have feet or places.
     plan.is_stale.values[with_rings(plan.tree, wanted[had_feet != has_feet], 1)] = True
     plan.is_stale.values[stale] = False
@@ -84,11 +85,11 @@ def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
     plan.along_surface.values[wanted] = np.inf
     wanted = wanted[~has_feet]
     plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
-    failed = wanted[plan.along_surface.values[wanted] > limit]
+    failed = wanted[np.isinf(plan.along_surface.values[wanted])]
     others = failed[~plan.surfaces.are_bicubic(failed)]
     if len(others):
         bounds = _irregular_at_equal(plan, others)
-        within = bounds <= limit
+        within = bounds <= plan.limits.values[others]
         plan.at_equal.values[others[within]] = bounds[within]
         # Their neighbours are then bounded as beside a comparison at equal parameters.
         plan.is_stale.values[with_rings(plan.tree, others[within], RINGS)] = True
@@ -96,22 +97,25 @@ def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
     return failed
 
 
-def bounds_both_ways(plan: Plan, leaves: IndexArray) -> FloatArray:
-    """(n,): for each leaf of a settled plan, the bound of the distance between its triangles and the surface, both
-    ways. For places in a shell the bounds of the leaves around are included, as their surface may be the nearest."""
-    found = plan.bounds(leaves)
-    around = largest_around(plan.tree, leaves, found)
-    is_own = np.minimum(plan.at_equal.values[leaves], plan.paired.values[leaves]) <= plan.request.limit
-    return np.where(is_own, found, around)
+def bounds_both_ways(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) twice: for each leaf of a settled plan, the bound of the distance between its triangles and the surface,
+    both ways, and its largest ratio to the tolerance at the surface. For places in a shell the bounds of the leaves
+    around are included, as their surface may be the nearest."""
+    found, rounding = plan.bounds(leaves), plan.request.rounding
+    is_own = np.isfinite(np.minimum(plan.at_equal.values[leaves], plan.paired.values[leaves]))
+    limits = np.where(is_own, plan.limits.values[leaves], plan.limits_around(leaves))
+    ratios = (found + rounding) / (limits + rounding)
+    around = [largest_around(plan.tree, leaves, each) for each in (found, ratios)]
+    return np.where(is_own, found, around[0]), np.where(is_own, ratios, around[1])
 
 
 def bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
     """Bound the bicubic leaves among some at equal parameters."""
     for some in index_chunks(leaves[plan.surfaces.are_bicubic(leaves)], FEW_LEAVES_AT_ONCE):
-        drawn = plan.approximation(some)
+        drawn, limits = plan.approximation(some), plan.limits.values[some]
         numbers = template_numbers(drawn.patterns, drawn.alternatives)
-        bounds = bounds_at_equal(plan.surfaces.coefficients(some), numbers, plan.request.limit)
-        plan.at_equal.values[some] = np.where(bounds <= plan.request.limit, bounds, np.inf)
+        bounds = bounds_at_equal(plan.surfaces.coefficients(some), numbers, limits)
+        plan.at_equal.values[some] = np.where(bounds <= limits, bounds, np.inf)
         plan.report()
 
 
@@ -119,19 +123,17 @@ def _irregular_at_equal(plan: Plan, leaves: IndexArray) -> FloatArray:
     """(n,): the bounds at equal parameters of leaves that are not bicubic, ascending."""
     drawn = plan.approximation(leaves)
     triangles = LeafTriangles.of(plan, leaves, drawn)
-    limit = plan.request.limit
-
-    def include(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form) -> None:
-        include_at_equal(found, bases, pieces, form, limit)
-
-    return _by_pieces(plan, leaves, triangles.corners(plan), triangles.firsts[:-1], include) + drawn.thickness
+    limits = plan.limits.values[leaves]
+    found = _by_pieces(plan, leaves, triangles.corners(plan), triangles.firsts[:-1], include_at_equal, limits)
+    return found + drawn.thickness
 
 
 def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
-    """(n,): the bounds of leaves, ascending, by places in a shell; infinite beyond the limit."""
+    """(n,): the bounds of leaves, ascending, by places in a shell; infinite beyond the least limit
+    around."""
     if not len(wanted):
         return np.zeros(0)
-    tree, limit = plan.tree, plan.request.limit
+    tree, limits = plan.tree, plan.limits_around(wanted)
     near = with_rings(tree, wanted, 1)
     leaves = with_rings(tree, near, 1)
     approximation = plan.approximation(leaves)
@@ -142,27 +144,29 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
     joined = drawn.joined(plan)
     bounded = np.minimum(plan.at_equal.values[leaves], plan.by_feet.values[leaves])[drawn.leaves]
     beyond = np.where(joined.is_closed, np.inf, bounded[np.where(joined.is_closed, 0, joined.across)])
-    shell = Shell.of(joined, is_whole, limit)
+    shell = Shell.of(joined, is_whole, plan.limits.values[leaves][drawn.leaves])
     firsts, ends = (drawn.firsts[np.searchsorted(leaves, wanted) + end] for end in (0, 1))
     unusable = np.concatenate([[0], np.cumsum(shell.ranges <= 0)])
     usable = np.flatnonzero((ends > firsts) & (unusable[ends] == unusable[firsts]))
 
-    def include(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form) -> None:
-        include_pieces(shell, found, bases, pieces, form, limit, beyond)
+    def include(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limits: FloatArray) -> None:
+        include_pieces(found, bases, pieces, form, limits, shell, beyond)
 
     found = np.full(len(wanted), np.inf)
-    found[usable] = _by_pieces(plan, wanted[usable], shell.triangles.corners, firsts[usable], include)
+    found[usable] = _by_pieces(plan, wanted[usable], shell.triangles.corners, firsts[usable], include, limits[usable])
     # Places may be over neighbours that are drawn as polygons.
     found += largest_around(tree, leaves, approximation.thickness)[np.searchsorted(leaves, wanted)]
-    return np.where(found <= limit, found, np.inf)
+    return np.where(found <= limits, found, np.inf)
 
 
-def _by_pieces(plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: IndexArray, include: Include) -> FloatArray:
+def _by_pieces(
+    plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: IndexArray, include: Include, limits: FloatArray
+) -> FloatArray:
     """(n,): the bounds of leaves, ascending, by all pieces of their surface. corners: (M, 3, 3), of triangles; firsts:
-    (n,), the first triangle of each leaf."""
+    (n,), the first triangle of each leaf; limits: (n,), of the bounds."""
     (found, of_tiles), left, before = np.zeros((2, len(leaves))), np.arange(len(leaves)), 0
     for levels in TILE_LEVELS:
-        waiting = _Waiting(corners, len(left), include, plan.report)
+        waiting = _Waiting(corners, limits[left], include, plan.report)
         for some in chunks(len(left), LEAVES_AT_ONCE):
             for drawn in joined_by_points(drawn_tiles(plan, leaves[left[some]], levels)):
                 # The bicubic tiles of earlier levels are already bounded.
@@ -249,10 +253,11 @@ class _Waiting:
     """The pieces of n leaves, collected and bounded together. found: (n,), the bounds of pieces that can be divided;
     of_rests: (n,), the bounds of all other pieces."""
 
-    def __init__(self, corners: FloatArray, count: int, include: Include, tick: Callable[[], None]) -> None:
-        """An empty collection. corners: (M, 3, 3), of triangles. tick: called meanwhile, and may raise to stop."""
-        self._corners, self._include, self._tick = corners, include, tick
-        self.found, self.of_rests = np.zeros((2, count))
+    def __init__(self, corners: FloatArray, limits: FloatArray, include: Include, tick: Callable[[], None]) -> None:
+        """An empty collection. corners: (M, 3, 3), of triangles; limits: (n,), of leaves. tick: called meanwhile, and
+        may raise to stop."""
+        self._corners, self._limits, self._include, self._tick = corners, limits, include, tick
+        self.found, self.of_rests = np.zeros((2, len(limits)))
         self._waiting: defaultdict[tuple[int, int], list[tuple[IndexArray, Pieces, Form]]] = defaultdict(list)
         self._counts: Counter[tuple[int, int]] = Counter()
 
@@ -283,7 +288,7 @@ class _Waiting:
         def look(some: IndexArray) -> tuple[IndexArray, FloatArray]:
             own, places = np.unique(leaves[some], return_inverse=True)
             bounds = np.zeros(len(own))
-            self._include(bounds, places.reshape(-1), pieces.at(some), form)
+            self._include(bounds, places.reshape(-1), pieces.at(some), form, self._limits[own])
             return own, bounds
 
         for own, bounds in map_in_threads(look, index_chunks(left, PIECES_AT_ONCE), self._tick):

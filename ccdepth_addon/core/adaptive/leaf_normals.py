@@ -59,8 +59,9 @@ def _normals_of_others(plan: Plan, leaves: IndexArray) -> FloatArray:
     turning = wanted & np.repeat(are_semi_sharp(plan, leaves), counts)
     if not angle or not turning.any():
         return exact
+    reaches = np.repeat(plan.reaches(leaves), counts)
     # Parameters on irregular faces are dyadic.
-    halvings = np.clip(np.floor(np.log2(np.maximum(sides, 1e-300) / max(plan.request.reach, 1e-300))), 1, 20)
+    halvings = np.clip(np.floor(np.log2(np.maximum(sides, 1e-300) / np.maximum(reaches, 1e-300))), 1, 20)
     steps = np.ldexp(1.0, -halvings.astype(np.int32))
     inside, farther = (
         _normals_inside(plan, leaves, each, turning) for each in (steps, np.minimum(2 * steps, MOST_INSIDE))

@@ -12,12 +12,15 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import lengths, selected_vectors
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
+from ..tolerance.variation import ToleranceError
 from .leaf_approximation import LeafApproximation, approximate_polygons, approximate_quads, ways_by_coefficients
 from .node_surfaces import NodeSurfaces
 from .quad_normals import are_narrow, better_diagonals, sampled_angles, ways_of_normals
 from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, RectangleTree
 from .request import AdaptiveRequest
+from .rings import largest_around, with_rings
 from .templates import WHOLE, template_numbers
+from .varied_limits import varied_limits
 from .vertex_positions import VertexPositions
 
 # A result is refused before planning when its estimated faces exceed the number allowed by this factor; and the least
@@ -27,6 +30,9 @@ LEAST_FACES_OF_A_LEAF = 0.5
 
 # The factor between the tolerances tried in search of one with few enough faces.
 SEARCH_STEP = 1.1
+
+# A part of the surface narrower than this many limits does not count for angles.
+NARROW = 2.0
 
 # The distances at samples decide how to split a leaf where the largest exceeds this part of the limit.
 TELLING = 0.25
@@ -45,7 +51,8 @@ class TooManyFacesError(ValueError):
 class Plan:
     """A tree, with the surfaces over its nodes and the positions of its vertices. Columns hold for each node: as a
     leaf, the template and the pattern of split sides; the bounds of ``leaf_bounds``: at equal parameters, by feet, and
-    along the surface; and the bounds of ``leaf_angles``: of distances in pairs, and of the angles."""
+    along the surface; and the bounds of ``leaf_angles``: of distances in pairs, and of the angles. limits: the largest
+    distance allowed, the least over the node (docs/tolerance.md)."""
 
     def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> None:
         """progress: receives the number of leaves so far, and may raise to stop."""
@@ -54,6 +61,8 @@ class Plan:
         self.tree = RectangleTree(mesh)
         self.surfaces = NodeSurfaces(self.tree)
         self.positions = VertexPositions(self.tree)
+        self.limits = self.tree.add_column(np.float64(request.limit - request.rounding))
+        self._vary_limits(np.arange(mesh.face_count))
         nothing = LeafApproximation.none(1)
         self._drawn = {field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)}
         self._split_sides = self.tree.add_column(np.int32(NONE))
@@ -82,6 +91,29 @@ class Plan:
         columns = self.at_equal, self.by_feet, self.along_surface, self.paired
         found: FloatArray = np.minimum.reduce([column.values[leaves] for column in columns])
         return found
+
+    def limits_around(self, leaves: IndexArray) -> FloatArray:
+        """(n,): the least limits of leaves and of all leaves that share a vertex with them."""
+        if self.request.variation is None:
+            return self.limits.values[leaves]
+        near = with_rings(self.tree, leaves, 1)
+        return -largest_around(self.tree, near, -self.limits.values[near])[np.searchsorted(near, leaves)]
+
+    def reaches(self, leaves: IndexArray) -> FloatArray:
+        """(n,): the widths below which parts of the surface over leaves are too narrow to count for angles."""
+        return NARROW * self.limits.values[leaves]
+
+    def _vary_limits(self, nodes: IndexArray) -> None:
+        """Set the limits of nodes where the limit varies."""
+        variation = self.request.variation
+        if variation is not None and len(nodes):
+            limits = varied_limits(self.tree, self.surfaces, nodes, self.request.limit, variation)
+            self.limits.values[nodes] = limits - self.request.rounding
+            if not np.all(limits > self.request.rounding):
+                raise ToleranceError(
+                    f"the tolerance is too fine somewhere: {limits.min():.3g}, where rounding takes "
+                    f"{self.request.rounding:.3g}"
+                )
 
     def angle_limits(self, leaves: IndexArray) -> FloatArray:
         """(2, n): the largest angles allowed of shading and of facets; infinite where none counts."""
@@ -134,7 +166,12 @@ class Plan:
         self.positions.put(tree.slot_vertices[slots], points[:4])
         are_bicubic = self.surfaces.are_bicubic(quads)
         found = approximate_quads(
-            points, tree.hanging(slots), self.are_border(tree.slot_edges[slots]), are_bicubic, self.request
+            points,
+            tree.hanging(slots),
+            self.are_border(tree.slot_edges[slots]),
+            are_bicubic,
+            self.limits.values[quads],
+            self.request.axes,
         )
         if self.request.has_angles:
             self._consider_angles(quads, points, are_bicubic, found)
@@ -147,13 +184,13 @@ class Plan:
         whole = np.flatnonzero(are_bicubic & found.accepted & (found.patterns == WHOLE))
         # The centre is no farther from the middle of either diagonal than the limit.
         off = points[8, whole] - (points[[0, 1]] + points[[2, 3]])[:, whole] / 2
-        free = whole[(lengths(off) <= self.request.limit).all(axis=0)]
+        free = whole[(lengths(off) <= self.limits.values[quads[whole]]).all(axis=0)]
         found.alternatives[free] = better_diagonals(self.surfaces.coefficients(quads[free]))
         own = np.flatnonzero(are_bicubic & found.accepted)
         coefficients = self.surfaces.coefficients(quads[own])
         angles = sampled_angles(coefficients, template_numbers(found.patterns[own], found.alternatives[own]))
         missed = np.flatnonzero((angles > self.angle_limits(quads[own])).any(axis=0))
-        missed = missed[~are_narrow(points[:4, own[missed]], self.request.reach)]
+        missed = missed[~are_narrow(points[:4, own[missed]], self.reaches(quads[own[missed]]))]
         found.accepted[own[missed]] = False
         found.ways[own[missed]] = ways_of_normals(
             selected_vectors(coefficients, missed), self.request.shading or self.request.facets
@@ -163,7 +200,9 @@ class Plan:
         order, refinement = next(self.surfaces.refinements(faces))
         slots = self.tree.slots(faces[order])
         self.positions.put(self.tree.slot_vertices[slots], refinement.limits_at_corners)
-        found = approximate_polygons(refinement, self.tree.hanging(slots), self.request)
+        found = approximate_polygons(
+            refinement, self.tree.hanging(slots), self.limits.values[faces[order]], self.request
+        )
         return found.at(np.argsort(order))
 
     def are_border(self, edges: IndexArray) -> BoolArray:
@@ -183,7 +222,7 @@ class Plan:
         """
         ways = self.ways(leaves)
         missed = np.maximum(*(self._drawn[name].values[leaves] for name in ("along_u", "along_v")))
-        is_unclear = (ways != QUARTERS) & (missed < TELLING * self.request.limit)
+        is_unclear = (ways != QUARTERS) & (missed < TELLING * self.limits.values[leaves])
         for own in index_chunks(np.flatnonzero(is_unclear), AT_ONCE):
             ways[own] = ways_by_coefficients(self.surfaces.coefficients(leaves[own]))
         return ways
@@ -198,7 +237,9 @@ class Plan:
             found.append(self._split_alike(leaves[is_bicubic & (ways == way)], way))
         twice = self._split_alike(leaves[is_bicubic & (ways == QUARTERS)], ALONG_U)
         found += [self._split_alike(twice, ALONG_V), self._split_alike(leaves[~is_bicubic], QUARTERS)]
-        return np.concatenate(found)
+        children = np.concatenate(found)
+        self._vary_limits(children)
+        return children
 
     def _split_alike(self, leaves: IndexArray, way: int) -> IndexArray:
         if not len(leaves):
@@ -231,13 +272,15 @@ class Plan:
         """Raise TooManyFacesError if splitting leaves makes too many, or if far too many are expected."""
         most = self.request.most_faces
         certain = self.tree.leaf_count + len(unfinished)
-        expected = certain - 2 * len(unfinished) + self._expected(unfinished, self.request.limit)
+        expected = certain - 2 * len(unfinished) + self._expected(unfinished)
         if LEAST_FACES_OF_A_LEAF * certain > most or expected > SURELY_TOO_MANY * most:
             raise TooManyFacesError(int(expected), self._feasible_limit())
 
-    def _expected(self, nodes: IndexArray, limit: float) -> float:
-        """The estimated number of leaves below nodes: each halving divides the error along its parameter by four."""
-        ratios = (self._drawn[name].values[nodes] / limit for name in ("along_u", "along_v"))
+    def _expected(self, nodes: IndexArray, factor: float = 1.0) -> float:
+        """The estimated number of leaves below nodes with their limits multiplied by a factor: each halving divides the
+        error along its parameter by four."""
+        limits = self.limits.values[nodes] * factor
+        ratios = (self._drawn[name].values[nodes] / limits for name in ("along_u", "along_v"))
         halvings = sum(np.ceil(np.log2(np.maximum(each, 1.0)) / 2) for each in ratios)
         return float(np.exp2(halvings).sum())
 
@@ -246,7 +289,7 @@ class Plan:
         faces = np.arange(self.tree.mesh.face_count)
         if len(faces) > self.request.most_faces:
             return np.inf
-        limit = self.request.limit
-        while self._expected(faces, limit) > self.request.most_faces:
-            limit *= SEARCH_STEP
-        return limit
+        factor = 1.0
+        while self._expected(faces, factor) > self.request.most_faces:
+            factor *= SEARCH_STEP
+        return factor * self.request.limit

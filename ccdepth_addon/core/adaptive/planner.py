@@ -35,8 +35,9 @@ from .tessellation import TessellationPlan, at_corners, plan_tessellation, tesse
 
 @dataclass(frozen=True)
 class AdaptiveMesh:
-    """A tessellated mesh of F faces. bounds: (F,) float64, the proved distance of each face; depths: (F,) int32, the
-    depth of each face's base face: the level of the deepest leaf there. leaf_count: the number of leaves of the tree.
+    """A tessellated mesh of F faces. bounds: (F,) float64, the proved distance of each face; ratios:
+    (F,) float64, the largest ratio of a proved distance to the tolerance at the surface; depths: (F,) int32, the depth
+    of each face's base face: the level of the deepest leaf there. leaf_count: the number of leaves of the tree.
 
     angles: (F,) float64, in radians: the proved angle of shading where that counts, otherwise of facets; 0 where none
     counts, as on leaves that are too narrow. normals: (C, 3) float64, the unit normals to store at corners of smooth
@@ -46,6 +47,7 @@ class AdaptiveMesh:
 
     mesh: SubdividedMesh
     bounds: FloatArray
+    ratios: FloatArray
     depths: NDArray[np.int32]
     leaf_count: int
     angles: FloatArray
@@ -70,16 +72,18 @@ def subdivide_adaptively(
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space of the limit. positions: (V, 3)
     float64, of the same control mesh in the space of the result, whose axes are those of the request. progress: is told
-    the number of leaves so far, and may raise to stop. Raises TooManyFacesError.
+    the number of leaves so far, and may raise to stop. Raises TooManyFacesError, and ToleranceError where a varied
+    limit is below rounding.
     """
     plan, tessellation = plan_within(mesh, request, progress)
     leaves, drawn = tessellation.leaves, tessellation.drawn
     made = tessellate(tessellation, plan.positions.in_space_of(positions, tessellation.used))
-    bounds = bounds_both_ways(plan, leaves)[drawn]
+    bounds, ratios = (each[drawn] for each in bounds_both_ways(plan, leaves))
     depths = plan.tree.face_levels()[made.base_faces].astype(np.int32)
     angles, is_narrow = proved_angles(plan, leaves)
     normals = _corner_normals(plan, tessellation) if request.shading else None
-    return AdaptiveMesh(made, bounds, depths, len(leaves), angles[drawn], normals, int(np.count_nonzero(is_narrow)))
+    narrow_count = int(np.count_nonzero(is_narrow))
+    return AdaptiveMesh(made, bounds, ratios, depths, len(leaves), angles[drawn], normals, narrow_count)
 
 
 def _corner_normals(plan: Plan, tessellation: TessellationPlan) -> FloatArray:

@@ -72,9 +72,9 @@ def better_diagonals(coefficients: FloatArray) -> IndexArray:
     return np.where(off[1] < off[0], 1, 0)
 
 
-def are_narrow(corners: FloatArray, reach: float) -> BoolArray:
-    """(P,) bool: whether two opposite sides of quads with corners (4, P, 3) are shorter than the reach."""
-    short = lengths(np.roll(corners, -1, axis=0) - corners) < reach
+def are_narrow(corners: FloatArray, reaches: FloatArray) -> BoolArray:
+    """(P,) bool: whether two opposite sides of quads with corners (4, P, 3) are shorter than the reaches (P,)."""
+    short = lengths(np.roll(corners, -1, axis=0) - corners) < reaches
     found: BoolArray = (short[0] & short[2]) | (short[1] & short[3])
     return found
 

@@ -9,9 +9,7 @@ from enum import StrEnum
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray
-
-# A part of the surface narrower than this many limits does not count for angles.
-NARROW = 2.0
+from ..tolerance.variation import Variation
 
 
 class Mode(StrEnum):
@@ -23,8 +21,9 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True)
 class AdaptiveRequest:
-    """The way to subdivide a control mesh. limit: the largest distance allowed, in the unit of the positions, with
-    rounding already subtracted.
+    """The way to subdivide a control mesh. limit: the largest distance allowed, in the unit of the positions, or with
+    views in pixels; rounding: what is subtracted from the distances, unless it already is. variation: how the limit
+    varies; None for the same everywhere.
 
     most_faces: the number of faces above which a result is refused. axes: (3, 3) float64, in columns the axes of the
     space where Blender triangulates the result, in coordinates of the positions. largest_coordinate: the largest
@@ -44,16 +43,13 @@ class AdaptiveRequest:
     facets: float = 0.0
     is_smooth: BoolArray | None = None
     stored: float = 0.0
+    rounding: float = 0.0
+    variation: Variation | None = None
 
     @property
     def has_angles(self) -> bool:
         """Whether an angle is limited."""
         return self.shading > 0 or self.facets > 0
-
-    @property
-    def reach(self) -> float:
-        """The width below which parts of the surface are too narrow to count for angles."""
-        return NARROW * self.limit
 
     @property
     def may_halve(self) -> bool:

@@ -11,13 +11,13 @@ from .rectangle_tree import NONE, RectangleTree
 
 
 def largest_around(tree: RectangleTree, leaves: IndexArray, values: FloatArray) -> FloatArray:
-    """(n,): for each leaf the largest of the values (n,), none negative, over all given leaves that share a vertex."""
+    """(n,): for each leaf the largest of the values (n,) over all given leaves that share a vertex."""
     slots, counts = tree.slots(leaves), tree.slot_counts(leaves)
     # Whole sides have no middle: the values written there are never read.
     vertices = np.concatenate([tree.slot_vertices[slots], tree.midpoints[tree.slot_edges[slots]]])
-    at_vertices = np.zeros(len(tree.vertex_edges) + 1)
+    at_vertices = np.full(len(tree.vertex_edges) + 1, -np.inf)
     np.maximum.at(at_vertices, vertices, np.tile(np.repeat(values, counts), 2))
-    at_vertices[NONE] = 0.0
+    at_vertices[NONE] = -np.inf
     starts = np.cumsum(counts) - counts
     found: FloatArray = np.maximum(*(np.maximum.reduceat(at_vertices[each], starts) for each in np.split(vertices, 2)))
     return found

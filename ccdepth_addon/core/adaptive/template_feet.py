@@ -29,8 +29,8 @@ LEAST_SIZE = 2.0**-13
 
 def bounds_by_feet(plan: Plan, leaves: IndexArray) -> FloatArray:
     """(n,): bounds of the distance between the triangles of leaves, ascending, and the surface; infinite beyond the
-    limit, and without feet."""
-    found = np.full(len(leaves), np.inf)
+    least limit around, and without feet."""
+    found, limits = np.full(len(leaves), np.inf), plan.limits_around(leaves)
     which = np.flatnonzero(plan.surfaces.are_smooth(leaves))
     curvature, speed = _constants_around(plan, leaves[which])
     which, curvature, speed = (each[np.isfinite(curvature)] for each in (which, curvature, speed))
@@ -38,16 +38,16 @@ def bounds_by_feet(plan: Plan, leaves: IndexArray) -> FloatArray:
         own = leaves[which[some]]
         drawn, coefficients = plan.approximation(own), plan.surfaces.coefficients(own)
         numbers = template_numbers(drawn.patterns, drawn.alternatives)
-        found[which[some]] = template_feet(coefficients, numbers, curvature[some], speed[some], plan.request.limit)
+        found[which[some]] = template_feet(coefficients, numbers, curvature[some], speed[some], limits[which[some]])
         plan.report()
-    return np.where(found <= plan.request.limit, found, np.inf)
+    return np.where(found <= limits, found, np.inf)
 
 
 def template_feet(
-    coefficients: FloatArray, numbers: IndexArray, curvature: FloatArray, speed: FloatArray, limit: float
+    coefficients: FloatArray, numbers: IndexArray, curvature: FloatArray, speed: FloatArray, limits: FloatArray
 ) -> FloatArray:
     """(P,): B of bicubic leaves with coefficients (16, P, 3) and template numbers (P,), as tight as a comparison with
-    the limit needs. curvature, speed: (P,), κ and α around each leaf, α in units of m per length."""
+    the limits (P,) needs. curvature, speed: (P,), κ and α around each leaf, α in units of m per length."""
     nets, _ = _nets(coefficients)
     frame, rounding = Frame.of(nets), ROUNDING * np.abs(nets).max(axis=(0, 1))
     tilts = np.stack(frame.tilts)
@@ -61,7 +61,7 @@ def template_feet(
         reach = lengths(off).max(axis=0) * (1 + ROUNDING) + rounding[own]
         return foot_distances(along, reach, curvature[own], speed[own], 1.0)
 
-    return np.where(frame.is_known, bounds_over_parts(coefficients, numbers, limit, distances), np.inf)
+    return np.where(frame.is_known, bounds_over_parts(coefficients, numbers, limits, distances), np.inf)
 
 
 def _constants_around(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, FloatArray]:

@@ -29,7 +29,8 @@ def common_level(
         # One part is left over, for meshes that do not agree.
         share = (1 - begun) / (len(poses) - agreed + 1)
         part = part_of(progress, begun, share)
-        needed = uniform_level(pose.make(), pose.tolerance, method, vertices, found, level, part, effort=effort)
+        asked = pose.make(), pose.tolerance, method, vertices
+        needed = uniform_level(*asked, found, level, part, effort=effort, variation=pose.variation)
         begun += share
         agreed = agreed + 1 if needed == level else 1
         level = needed

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,26 +15,23 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, IndexArray
 from ..bounds.norm_bounds import PATCH_METHODS, Method, Vertices
-from ..bounds.rounding import rounding_allowance, smallest_tolerance
+from ..bounds.rounding import smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
+from ..tolerance.variation import ToleranceError, Variation
 from .certified_depth import certified_depths, certified_level_bounds
 from .distance_depth import Effort, distance_bounds_at, distance_depths, distance_level_bounds
-from .level_leaves import rings_around
+from .level_leaves import mask, rings_around
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
-from .tolerance import FaceDepths, LevelBounds, ToleranceTest
+from .tolerance import FaceDepths, LevelBounds, ToleranceTest, tolerance_groups
 
 if TYPE_CHECKING:
     from .pose_depths import PoseDepths
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
-
-
-class ToleranceError(ValueError):
-    """The error of a tolerance without meaning on the mesh. The message gives the reason in a modeller's words."""
 
 
 def face_depths(
@@ -44,38 +42,55 @@ def face_depths(
     progress: Progress = no_report,
     *,
     effort: str = "NORMAL",
+    variation: Variation | None = None,
     is_checked: bool = False,
 ) -> FaceDepths:
     """The depth of every face of a mesh whose sharpness is explicit (``sharpness.apply_boundary_rule``).
 
-    tolerance: the largest distance allowed, in the unit of the positions. method, vertices: names of ``Method`` and
+    tolerance: the largest distance allowed, in the unit of the positions; variation: how it varies, with views as a
+    number of pixels. method, vertices: names of ``Method`` and
     ``Vertices``. progress: receives the rising fraction done, and may raise to stop. effort: a name of ``Effort``, for
     DISTANCE. is_checked: whether ``check_input`` has accepted mesh and tolerance already. Raises InvalidMeshError,
     ToleranceError, and ValueError for an unknown name.
     """
     if not is_checked:
-        check_input(mesh, tolerance)
-    test = ToleranceTest(tolerance, rounding_allowance(mesh))
+        check_input(mesh, tolerance, variation)
     every = np.arange(mesh.face_count)
     whole = FaceDepths.undecided(every)
     counter = _Counter(progress, mesh.face_count)
-    for part in depths_in_chunks(mesh, test, Method(method), Vertices(vertices), every, Effort(effort), counter.tick):
-        whole.update(part)
-        counter.add(len(part.faces))
+    for faces, test in groups_of(mesh, every, tolerance, variation, Method(method)):
+        kinds = Method(method), Vertices(vertices)
+        for part in depths_in_chunks(mesh, test, *kinds, faces, Effort(effort), counter.tick):
+            whole.update(part)
+            counter.add(len(part.faces))
     return whole
 
 
-def check_input(mesh: PolygonMesh, tolerance: float) -> None:
+def groups_of(
+    mesh: PolygonMesh, faces: IndexArray, tolerance: float, variation: Variation | None, method: Method
+) -> list[tuple[IndexArray, ToleranceTest]]:
+    """The groups of ``tolerance_groups``: by distance triangles may be near the surface of the faces around."""
+    return tolerance_groups(mesh, faces, tolerance, variation, with_faces_around=method is Method.DISTANCE)
+
+
+def check_input(mesh: PolygonMesh, tolerance: float, variation: Variation | None = None) -> None:
     """Raise InvalidMeshError for a mesh without depths, and ToleranceError for a tolerance without meaning."""
     validate(mesh)
+    _check_least(mesh, tolerance, variation)
+
+
+def _check_least(mesh: PolygonMesh, tolerance: float, variation: Variation | None) -> None:
+    """Raise ToleranceError unless the least tolerance of a face has a meaning."""
+    if variation is not None and mesh.face_count:
+        tolerance = float(variation.of_faces(mesh, tolerance).min())
     check_tolerance(tolerance, smallest_tolerance(mesh))
 
 
-def check_pose(mesh: PolygonMesh, tolerance: float) -> None:
+def check_pose(mesh: PolygonMesh, tolerance: float, variation: Variation | None = None) -> None:
     """Raise as ``check_input``, in less time, for a mesh accepted with other positions."""
     if not has_good_positions(mesh):
         validate(mesh)
-    check_tolerance(tolerance, smallest_tolerance(mesh))
+    _check_least(mesh, tolerance, variation)
 
 
 class _Counter:
@@ -104,6 +119,7 @@ def uniform_level(
     progress: Progress = no_report,
     *,
     effort: str = "NORMAL",
+    variation: Variation | None = None,
 ) -> int:
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance.
 
@@ -111,21 +127,22 @@ def uniform_level(
     enough. With limit vertices, corners that Blender shows slightly off the surface keep a margin
     (``modifier_quality``), and level 1 is the first: a modifier at level 0 moves no vertex.
 
-    mesh, tolerance, method, vertices, progress, effort, and errors: as in ``face_depths``. found: the depths by the
-    same arguments, if known: a depth is proved at its own level, a lasting depth at all later levels; other faces are
-    evaluated. least: the first level to try.
+    mesh, tolerance, method, vertices, progress, effort, variation, and errors: as in ``face_depths``. found: the depths
+    by the same arguments, if known: a depth is proved at its own level, a lasting depth at all later levels; other
+    faces are evaluated. least: the first level to try.
     """
-    found = face_depths(mesh, tolerance, method, vertices, effort=effort) if found is None else found
-    depths, lasting = found.depths, found.lasting
-    with_margin, margin = np.zeros(mesh.face_count, dtype=bool), 0.0
+    if found is None:
+        found = face_depths(mesh, tolerance, method, vertices, effort=effort, variation=variation)
+    depths, lasting, unmet = found.depths, found.lasting, None
+    with_margin = np.zeros(mesh.face_count, dtype=bool)
     if Vertices(vertices) is Vertices.LIMIT:
         unmet = unmet_corners(mesh)
         with_margin[mesh.corner_faces[unmet.corners]] = True
         if Method(method) is Method.DISTANCE:
             # Other faces are compared with the triangles at these corners, too.
             with_margin = rings_around(mesh, with_margin, 1)
-        margin = unmet.margin(tolerance)
         least = max(least, 1)
+    groups = groups_of(mesh, np.arange(mesh.face_count), tolerance, variation, Method(method))
     level = max(least, int(depths.max(initial=0)))
     # The number of levels is unknown: each level reports half of the remaining fraction.
     begun = 0.0
@@ -133,9 +150,14 @@ def uniform_level(
         is_proved = depths == level
         # A depth by distance assumes that the faces around are within the tolerance as well.
         is_open = np.full(len(depths), True) if Method(method) is Method.DISTANCE else ~is_proved
-        parts = [(np.flatnonzero(is_open & ~lasting & ~with_margin), tolerance, is_proved & found.alone)]
-        if np.any(with_margin):
-            parts.append((np.flatnonzero(with_margin), tolerance - margin, np.zeros_like(is_proved)))
+        parts = []
+        for faces, test in groups:
+            in_group = mask(mesh.face_count, faces)
+            chosen = np.flatnonzero(in_group & is_open & ~lasting & ~with_margin)
+            parts.append((chosen, test, in_group & is_proved & found.alone))
+            if unmet is not None:
+                less = replace(test, tolerance=test.tolerance - unmet.margin(test.tolerance))
+                parts.append((np.flatnonzero(in_group & with_margin), less, np.zeros_like(is_proved)))
         share = part_of(progress, begun, (1 - begun) / 2)
         if all_within(mesh, parts, Method(method), Vertices(vertices), level, Effort(effort), share):
             return level
@@ -145,21 +167,20 @@ def uniform_level(
 
 def all_within(
     mesh: PolygonMesh,
-    parts: list[tuple[IndexArray, float, BoolArray]],
+    parts: list[tuple[IndexArray, ToleranceTest, BoolArray]],
     method: Method,
     vertices: Vertices,
     level: int,
     effort: Effort,
     progress: Progress,
 ) -> bool:
-    """Whether faces are within a tolerance at one level, part by part, each part with a tolerance of its own, and with
+    """Whether faces are within a tolerance at one level, part by part, each part with a test of its own, and with
     (F,) bool as of ``level_bounds_in_chunks``. Stops at the first face beyond its tolerance."""
     counter = _Counter(progress, sum(len(faces) for faces, _, _ in parts))
     counter.tick()
-    for faces, tolerance, is_proved in parts:
+    for faces, test, is_proved in parts:
         if not len(faces):
             continue
-        test = ToleranceTest(tolerance, rounding_allowance(mesh))
         kinds = method, vertices, level, counter.tick
         for block in level_bounds_in_chunks(mesh, faces, test, *kinds, is_proved, effort):
             counter.add(len(block.faces))

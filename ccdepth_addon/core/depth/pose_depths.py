@@ -9,7 +9,7 @@ tested there in all poses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Method, Vertices
-from ..bounds.rounding import rounding_allowance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress, no_report, part_of
+from ..tolerance.variation import Variation
 from .distance_depth import Effort
-from .face_depths import bounds_at_depths, face_depths
-from .tolerance import ToleranceTest
+from .face_depths import bounds_at_depths, face_depths, groups_of
+from .tolerance import LevelBounds
 
 # The time that the first pose takes, in units of the time of any other pose.
 FIRST_POSE = 2.0
@@ -35,11 +35,24 @@ class Pose:
 
     make: returns the mesh in the pose, made anew at each call to save memory. All poses of a mesh have the same faces,
     edges and explicit sharpness (``PolygonMesh.changed``). tolerance: the largest distance allowed, in the unit of the
-    positions.
+    positions; variation: how it varies, with views as a number of pixels.
     """
 
     make: Callable[[], PolygonMesh]
     tolerance: float
+    variation: Variation | None = None
+
+    def bounds_at(
+        self,
+        faces: IndexArray,
+        depths: NDArray[np.int32],
+        kinds: tuple[Method, Vertices, Effort],
+        tick: Callable[[], None],
+    ) -> Iterator[LevelBounds]:
+        """The proved bounds of some faces, each at its own depth (F,), as of ``bounds_at_depths``."""
+        mesh, (method, vertices, effort) = self.make(), kinds
+        for own, test in groups_of(mesh, faces, self.tolerance, self.variation, method):
+            yield from bounds_at_depths(mesh, own, test, method, vertices, depths, effort, tick)
 
 
 @dataclass(frozen=True)
@@ -75,9 +88,9 @@ def pose_depths(
     fraction done, and may raise to stop.
     """
     share = FIRST_POSE / (FIRST_POSE + len(poses) - 1)
-    mesh, tolerance = poses[0].make(), poses[0].tolerance
-    part = part_of(progress, 0.0, share)
-    first = face_depths(mesh, tolerance, method, vertices, part, effort=effort, is_checked=True)
+    mesh, pose, part = poses[0].make(), poses[0], part_of(progress, 0.0, share)
+    asked = mesh, pose.tolerance, method, vertices, part
+    first = face_depths(*asked, effort=effort, variation=pose.variation, is_checked=True)
     found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting, first.alone, first.might_need_less)
     every = np.ones(mesh.face_count, dtype=bool)
     _prove(poses, method, vertices, effort, found, every, part_of(progress, share, 1 - share), first=1)
@@ -120,9 +133,7 @@ def deepest_pose(
     faces = np.flatnonzero(found.depths == deepest)
     levels = found.depths - 1
     for place, pose in enumerate(poses if deepest else ()):
-        mesh = pose.make()
-        test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
-        blocks = bounds_at_depths(mesh, faces, test, Method(method), Vertices(vertices), levels, Effort(effort), tick)
+        blocks = pose.bounds_at(faces, levels, (Method(method), Vertices(vertices), Effort(effort)), tick)
         if any(np.isinf(block.bounds).any() for block in blocks):
             return place
     return 0
@@ -146,7 +157,7 @@ def _prove(
         for place, pose in enumerate(poses):
             faces = np.flatnonzero(is_open | raised)
             if place >= first and len(faces):
-                raised[_raised(pose, *kinds, found, faces, partial(progress, done))] = True
+                raised[_raised(pose, kinds, found, faces, partial(progress, done))] = True
             done = max(done, (place + 1) / len(poses))
             progress(done)
         is_open, first = raised, 0
@@ -154,18 +165,14 @@ def _prove(
 
 def _raised(
     pose: Pose,
-    method: Method,
-    vertices: Vertices,
-    effort: Effort,
+    kinds: tuple[Method, Vertices, Effort],
     found: PoseDepths,
     faces: IndexArray,
     tick: Callable[[], None],
 ) -> IndexArray:
     """The faces without a proof at their depths in a pose, raised by one level; records the bounds of the others."""
-    mesh = pose.make()
-    test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     parts = [faces[:0]]
-    for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, effort, tick):
+    for block in pose.bounds_at(faces, found.depths, kinds, tick):
         holds = np.isfinite(block.bounds)
         proved = block.faces[holds]
         found.bounds[proved] = np.maximum(found.bounds[proved], block.bounds[holds])

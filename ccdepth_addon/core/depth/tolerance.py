@@ -9,14 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..bounds.rounding import rounding_allowance
+from ..mesh.polygon_mesh import PolygonMesh
+from ..tolerance.variation import Variation
+from ..tolerance.view import least_of_touching
+
+# The factor between tolerances of faces that are proved together: a tenth of the tolerance is lost in the mean.
+STEP = 2**0.25
 
 
 @dataclass(frozen=True)
 class ToleranceTest:
-    """A tolerance, and the allowance for rounding; both in the unit of the positions."""
+    """A tolerance, and the allowance for rounding; both in the unit of the positions. is_common: whether it is the
+    tolerance of all faces of the mesh."""
 
     tolerance: float
     allowance: float
+    is_common: bool = True
 
     def within(self, upper: FloatArray) -> BoolArray:
         """Whether distances of at most ``upper`` are proved to be within the tolerance."""
@@ -25,6 +34,28 @@ class ToleranceTest:
     def exceeds(self, lower: FloatArray) -> BoolArray:
         """Whether distances of at least ``lower`` are proved to exceed the tolerance."""
         return lower - self.allowance > self.tolerance
+
+
+def tolerance_groups(
+    mesh: PolygonMesh,
+    faces: IndexArray,
+    tolerance: float,
+    variation: Variation | None,
+    *,
+    with_faces_around: bool,
+) -> list[tuple[IndexArray, ToleranceTest]]:
+    """Some faces of a mesh in groups, each with a test of one tolerance: the least over all faces of the group, which
+    differ by less than ``STEP``. with_faces_around: whether the faces that share a vertex with a face count as well
+    (docs/tolerance.md, Depths)."""
+    allowance = rounding_allowance(mesh)
+    if variation is None:
+        return [(faces, ToleranceTest(tolerance, allowance))]
+    own = variation.of_faces(mesh, tolerance)
+    own = (least_of_touching(mesh, own) if with_faces_around else own)[faces]
+    steps = np.floor(np.log(own) / np.log(STEP))
+    alike = [np.flatnonzero(steps == step) for step in np.unique(steps)]
+    is_common = len(alike) == 1 and len(faces) == mesh.face_count
+    return [(faces[some], ToleranceTest(float(own[some].min()), allowance, is_common)) for some in alike]
 
 
 @dataclass(frozen=True)

@@ -43,16 +43,16 @@ HULL_FORM = Form(np.zeros(0, dtype=np.intp), ())
 
 
 def include_pieces(
-    shell: Shell,
     found: FloatArray,
     bases: IndexArray,
     pieces: Pieces,
     form: Form,
-    limit: float,
+    limits: FloatArray,
+    shell: Shell,
     off_beyond: FloatArray | None = None,
 ) -> None:
-    """Raise the bounds found (n,) of bases to the bounds of their pieces; infinite where no bound within the limit is
-    proved. bases: (P,), of the pieces. off_beyond: as in ``shell_bounds``."""
+    """Raise the bounds found (n,) of bases to the bounds of their pieces; infinite where no bound within the limits
+    (n,) is proved. bases: (P,), of the pieces. off_beyond: as in ``shell_bounds``."""
 
     def bounds(some: Pieces) -> FloatArray:
         return shell_bounds(shell, some, off_beyond)
@@ -60,17 +60,17 @@ def include_pieces(
     def reached(some: Pieces) -> FloatArray:
         return _heights_at(shell, form.values, some)
 
-    _include(found, bases, pieces, form, limit, SPLITS, bounds, reached)
+    _include(found, bases, pieces, form, limits, SPLITS, bounds, reached)
 
 
-def include_at_equal(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limit: float) -> None:
+def include_at_equal(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limits: FloatArray) -> None:
     """Raise the bounds found (n,) to distances at equal parameters, as in ``include_pieces``."""
 
     def reached(some: Pieces) -> FloatArray:
         off: FloatArray = lengths(some.hulls[form.values] - some.flats[form.values]).max(axis=0, initial=0.0)
         return off
 
-    _include(found, bases, pieces, form, limit, SPLITS_AT_EQUAL, off_at_equal, reached)
+    _include(found, bases, pieces, form, limits, SPLITS_AT_EQUAL, off_at_equal, reached)
 
 
 def _include(
@@ -78,13 +78,13 @@ def _include(
     bases: IndexArray,
     pieces: Pieces,
     form: Form,
-    limit: float,
+    limits: FloatArray,
     splits: int,
     bounds_of: Callable[[Pieces], FloatArray],
     reached_by: Callable[[Pieces], FloatArray],
 ) -> None:
     """Raise the bounds found (n,) to bounds of pieces, halved both ways up to a number of times; infinite where they
-    reach beyond the limit, or as soon as more pieces of a base are open than before."""
+    reach beyond the limits (n,), or as soon as more pieces of a base are open than before."""
     before = np.full(len(found), np.inf)
     for split in range(splits + 1 if form.quarters else 1):
         is_last = split == splits or not form.quarters
@@ -95,10 +95,10 @@ def _include(
             own, some = _still_open(found, bases, pieces)
             if parts:
                 own, some = np.tile(own, len(parts)), some.divided(parts)
-            found[own[reached_by(some) > limit]] = np.inf
+            found[own[reached_by(some) > limits[own]]] = np.inf
             own, some = _still_open(found, own, some)
             bounds = bounds_of(some)
-            is_open = bounds > limit
+            is_open = bounds > limits[own]
             np.maximum.at(found, own[~is_open], bounds[~is_open])
             counts += np.bincount(own[is_open], minlength=len(found))
             if is_last or split >= SETTLED_AT:

@@ -129,7 +129,7 @@ class Shell:
     """The triangles of a shell with the ranges of their prisms.
 
     cosines: (T,), the least cosine between a triangle's normal and its vectors. ranges: (M,), the largest |s| for paths
-    that begin at a triangle, at most ``limit``; 0 where the shell proves nothing. radii: (V,), the distance of each
+    that begin at a triangle, at most the limit; 0 where the shell proves nothing. radii: (V,), the distance of each
     vertex from the opposite sides; least_cosines: (V,), the least of the triangles at each vertex. mean_normals:
     (V, 3), spreads: (V,), the mean normal of the triangles at each vertex, and a bound of their distance from the mean.
     is_border: (V,) bool, vertices of closed sides. star_starts: (V + 1,) intp, and star_triangles: the triangles at
@@ -151,13 +151,13 @@ class Shell:
     slopes: FloatArray
 
     @staticmethod
-    def of(triangles: Triangles, is_whole: BoolArray, limit: float) -> Shell:
+    def of(triangles: Triangles, is_whole: BoolArray, limits: FloatArray) -> Shell:
         """The shell over triangles. is_whole: whether all triangles around an original vertex are given, or beyond
-        closed sides. limit: the largest distance of use."""
+        closed sides. limits: (M,), the largest distances of use."""
         cosines = dot_products(triangles.normals[:, None], triangles.vectors).min(axis=1)
-        prism_ranges = np.where(cosines > LEAST_COSINE, np.minimum(_prism_ranges(triangles), limit), 0.0)
+        prism_ranges = np.where(cosines > LEAST_COSINE, _prism_ranges(triangles), 0.0)
         stars = _Stars.of(triangles, is_whole[triangles.origins], prism_ranges)
-        ranges = stars.ranges[triangles.vertices].min(axis=1)
+        ranges = np.minimum(stars.ranges[triangles.vertices].min(axis=1), limits)
         least = np.full(len(triangles.origins), np.inf)
         at, normals = np.repeat(np.arange(len(least)), np.diff(stars.starts)), triangles.normals[stars.triangles]
         np.minimum.at(least, at, cosines[stars.triangles])

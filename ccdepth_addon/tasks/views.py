@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The views of objects by the camera of a tolerance in pixels, now or over the scene's frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..core import FloatArray, Seen, View, length_in_views, most_pixels, seen_by
+from ..exchange.cameras import CameraError, named_camera, of_object, view_of
+from ..exchange.control_mesh import ControlMesh, ControlMeshError
+from ..exchange.data_blocks import Identity
+from .frames import chosen_frames, frame_restored, typed_frames
+from .surfaces import ComputeError, Surface, SurfaceSettings
+
+
+@dataclass(frozen=True)
+class Views:
+    """By the session identifiers of objects, on each frame the view from the object's place, and the linear part of its
+    matrix there, (3, 3). off_screen: the factor for what is off screen."""
+
+    of_objects: dict[int, list[tuple[View, FloatArray]]]
+    off_screen: float
+
+    def pixel(self, uid: int, control: ControlMesh) -> float:
+        """The length of a pixel on an object with this control mesh, the least over the frames. Raises
+        ControlMeshError."""
+        used = control.topology.arrays.vertex_face_counts > 0
+        positions = control.positions[used].astype(np.float64)
+        # Positions that are not finite are found and refused later.
+        with np.errstate(all="ignore"):
+            seen = [_seen(view, positions, world, control.world) for view, world in self.of_objects[uid]]
+        return length_in_views(seen, 1.0, self.off_screen)
+
+
+def _seen(view: View, positions: FloatArray, world: FloatArray, read: FloatArray) -> Seen:
+    """How a camera sees positions in object space under a matrix world (3, 3), with lengths as under the matrix read
+    with. Raises ControlMeshError if these have no ratio."""
+    seen = seen_by(view, positions @ world.T)
+    if np.array_equal(world, read):
+        return seen
+    try:
+        stretch = float(np.linalg.norm(world @ np.linalg.inv(read), 2))
+    except np.linalg.LinAlgError as fault:
+        raise ControlMeshError("its scale is zero now, and may not be on other frames") from fault
+    return replace(seen, depth=seen.depth / stretch, distance=seen.distance / stretch)
+
+
+def surface_of(
+    blender_object: bpy.types.Object, control: ControlMesh, settings: SurfaceSettings, views: Views
+) -> Surface:
+    """The surface of an object, with the tolerance as a length."""
+    holder = Identity.of(blender_object)
+    if settings.tolerance_mode == "PIXELS":
+        unit = views.pixel(holder.uid, control)
+    else:
+        unit = control.diagonal() if settings.tolerance_mode == "RELATIVE" else 1.0
+    return Surface(holder, control, settings.tolerance * unit)
+
+
+def read_views(context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: SurfaceSettings) -> Views:
+    """The views of objects by the settings' camera on their frames; none for other tolerances than pixels. Raises
+    ComputeError without a camera of finite pixels."""
+    views = Views({each.session_uid: [] for each in objects}, settings.off_screen_scale)
+    if settings.tolerance_mode != "PIXELS":
+        return views
+    if not settings.off_screen_scale >= 1:
+        raise ComputeError("The Off-Screen Scale must be 1 or more")
+    frames = chosen_frames(context.scene, settings.camera_frames, "")
+    context.view_layer.update()
+    if not frames:
+        _add_views(context, objects, settings, views)
+        return views
+    with frame_restored(context.scene):
+        for frame in typed_frames(frames):
+            context.scene.frame_set(frame)
+            _add_views(context, objects, settings, views)
+    return views
+
+
+def _add_views(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: SurfaceSettings, views: Views
+) -> None:
+    """Add the views of the present frame."""
+    try:
+        camera = named_camera(context.scene, settings.camera)
+        view = view_of(context, camera)
+    except CameraError as fault:
+        raise ComputeError(str(fault)) from fault
+    most = most_pixels(view)
+    if settings.tolerance > most:
+        raise ComputeError(
+            f"The tolerance is at most a hundredth of the focal length: {most:.3g} pixels of “{camera.name}”"
+        )
+    for each in objects:
+        world = np.array(each.matrix_world, dtype=np.float64)[:3, :3]
+        views.of_objects[each.session_uid].append((of_object(view, each), world))
+
+
+def camera_name(scene: bpy.types.Scene, settings: Any) -> str:
+    """The name of the camera of a tolerance in pixels; empty without one."""
+    return settings.camera or (scene.camera.name if scene.camera else "")
+
+
+def seen_from(scene: bpy.types.Scene, settings: SurfaceSettings, frames: str = "") -> str:
+    """The camera and the frames of a tolerance in pixels, in words; empty for other tolerances. frames: of depths, if
+    these have their own."""
+    if settings.tolerance_mode != "PIXELS":
+        return ""
+    frames = frames or chosen_frames(scene, settings.camera_frames, "")
+    name = camera_name(scene, settings)
+    return f"{name}, frames {frames}" if frames else f"{name}, frame {scene.frame_current}"

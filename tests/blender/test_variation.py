@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tolerances that vary by weights and by materials, against distances of samples from Blender's own modifier."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.runs import run, save
+from tests.blender.subdividing import faces, known_count, refused, subdivide
+
+TOLERANCE, COARSEST = 0.002, 10.0
+
+
+@pytest.fixture(autouse=True)
+def without_angles() -> None:
+    bpy.context.scene.ccdepth.shading_angle = 0.0
+
+
+def painted(weights: Callable[[np.ndarray], np.ndarray]) -> bpy.types.Object:
+    """Suzanne with a vertex group called Detail, by the positions of her vertices (V, 3)."""
+    holder = scene.add_suzanne()
+    group = holder.vertex_groups.new(name="Other"), holder.vertex_groups.new(name="Detail")
+    for vertex, weight in enumerate(weights(scene.mesh_data(holder.data).positions).tolist()):
+        group[1].add([vertex], weight, "REPLACE")
+    return holder
+
+
+def by_group(**settings: object) -> dict[str, object]:
+    return {"tolerance": TOLERANCE, "tolerance_by": "VERTEX_GROUP", "vertex_group": "Detail", **settings}
+
+
+def front(positions: np.ndarray) -> np.ndarray:
+    """1 on her face, 0 at the back of her head."""
+    return np.clip(0.5 - positions[:, 1], 0.0, 1.0)
+
+
+def deep_level(holder: bpy.types.Object) -> tuple[np.ndarray, list[list[int]], np.ndarray]:
+    """The positions and the faces of the fifth level on the limit surface, and the weights of its vertices: Blender
+    interpolates them like vertices, and an attribute at corners linearly over each face."""
+    mesh, weights = holder.data, np.zeros(len(holder.data.vertices))
+    for vertex in mesh.vertices:
+        for entry in vertex.groups:
+            if holder.vertex_groups[entry.group].name == "Detail":
+                weights[vertex.index] = entry.weight
+    corners = scene.mesh_data(mesh).corner_vertices
+    layer = mesh.uv_layers.new(name="weights")
+    layer.data.foreach_set("uv", np.column_stack([weights[corners], np.zeros(len(corners))]).ravel())
+    modifier = scene.add_subdivision(holder, 5)
+    modifier.use_limit_surface, modifier.uv_smooth = True, "NONE"
+    holder.hide_set(False)
+    evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+    data = scene.mesh_data(evaluated)
+    uvs = scene.values_of(evaluated.uv_layers["weights"].data, "uv", np.float32, 2).reshape(-1, 2)
+    found = np.zeros(len(data.positions))
+    found[data.corner_vertices] = uvs[:, 0]
+    quads = [data.corner_vertices[a:b].tolist() for a, b in pairwise(np.cumsum([0, *data.face_sizes]))]
+    return data.positions, quads, found
+
+
+def test_every_sample_is_within_its_own_tolerance() -> None:
+    holder = painted(front)
+    [fine] = subdivide(holder, tolerance=TOLERANCE)
+    many = faces(fine)
+    [result] = subdivide(holder, **by_group())
+    assert faces(result) < 0.7 * many
+    assert 0.5 < result.data.ccdepth.largest_ratio <= 1.0
+    assert addon.facts(result)["Of Own Tolerance"].endswith("%")
+    positions, quads, weights = deep_level(holder)
+    own = TOLERANCE * COARSEST ** (1 - weights)
+    drawn = scene.mesh_data(result.data).positions
+    tree = BVHTree.FromPolygons(drawn.tolist(), scene.triangles_of(result.data).tolist())
+    # Every point of the surface has a drawn point within its own tolerance. Positions are in single precision.
+    distances = np.array([tree.find_nearest(Vector(each))[3] for each in positions])
+    assert np.all(distances <= own * (1 + 1e-5))
+    # It is coarser where that is allowed.
+    assert distances.max() > 1.5 * TOLERANCE
+    assert distances[weights == 1].max() <= TOLERANCE * (1 + 1e-5)
+    # And every drawn vertex is near a point of the surface: a face of the deep level is off by far less than a tenth.
+    surface = BVHTree.FromPolygons(positions.tolist(), quads)
+    for point in drawn:
+        _, _, face, distance = surface.find_nearest(Vector(point))
+        assert distance <= 1.1 * own[quads[face]].max()
+
+
+def test_equal_weights_are_one_tolerance() -> None:
+    for weight, tolerance in ((1.0, TOLERANCE), (0.0, TOLERANCE * COARSEST)):
+        holder = painted(lambda positions, weight=weight: np.full(len(positions), weight))
+        [result] = subdivide(holder, **by_group())
+        [uniform] = subdivide(holder, tolerance=tolerance)
+        assert faces(result) == faces(uniform)
+
+
+def test_materials_have_factors() -> None:
+    holder = scene.add_object(meshes.landscape(6, 6))
+    for name, factor in (("Fine", 1.0), ("Coarse", 20.0)):
+        material = bpy.data.materials.new(name)
+        material.ccdepth.tolerance_factor = factor
+        holder.data.materials.append(material)
+    [fine] = subdivide(holder, tolerance=TOLERANCE, tolerance_by="MATERIAL")
+    many = faces(fine)
+    half = len(holder.data.polygons) // 2
+    holder.data.polygons.foreach_set("material_index", [0] * half + [1] * half)
+    [result] = subdivide(holder, tolerance=TOLERANCE, tolerance_by="MATERIAL")
+    counts = np.bincount([each.material_index for each in result.data.polygons])
+    assert counts[0] > 2 * counts[1]
+    assert faces(result) < many
+    # An object's own material counts for that object.
+    holder.material_slots[1].link = "OBJECT"
+    holder.material_slots[1].material = holder.data.materials[0]
+    assert faces(subdivide(holder, tolerance=TOLERANCE, tolerance_by="MATERIAL")[0]) == many
+
+
+def test_counts_searches_and_updates_vary_as_well() -> None:
+    holder, settings = painted(front), bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
+    settings.tolerance_by, settings.vertex_group = "VERTEX_GROUP", "Detail"
+    addon.finish("find_tolerance", holder, face_budget=2000)
+    count = known_count(holder).faces
+    [result] = subdivide(holder, tolerance=settings.tolerance)
+    assert faces(result) == count <= 2000
+    settings.tolerance_by = "NONE"
+    addon.finish("update", result)
+    assert faces(result) > count
+    assert result.data.ccdepth.largest_ratio == 0
+
+
+def test_groups_of_included_modifiers_count() -> None:
+    holder = painted(front)
+    holder.modifiers.new("Array", "ARRAY").count = 2
+    assert subdivide(holder, **by_group())[0].data.ccdepth.largest_ratio > 0
+
+
+def test_a_group_without_weights_is_told(capfd: pytest.CaptureFixture[str]) -> None:
+    subdivide(painted(lambda positions: np.zeros(len(positions))), **by_group())
+    assert "“Detail” has no weight above 0: the tolerance is the coarsest everywhere" in capfd.readouterr().out
+
+
+def test_refusals_in_one_line() -> None:
+    holder = painted(front)
+    refused(holder, match="it has no vertex group called “Nothing”", **by_group(vertex_group="Nothing"))
+    refused(holder, match="no vertex group is chosen", **by_group(vertex_group=""))
+    refused(holder, match="Coarsest must be 1 or more", **by_group(coarsest=0.5))
+    refused(holder, match="Reduce takes one tolerance", **by_group(reduce=True))
+    material = bpy.data.materials.new("Bad")
+    holder.data.materials.append(material)
+    material.ccdepth.tolerance_factor = -1.0
+    refused(holder, match="“Bad” is -1: it must be greater than zero", tolerance_by="MATERIAL")
+    material.ccdepth.tolerance_factor = 1e-6
+    refused(holder, match="finer than the mesh's single-precision", tolerance_by="MATERIAL")
+
+
+def test_the_command_line_varies_the_tolerance(tmp_path: Path) -> None:
+    painted(front)
+    source, output = save(tmp_path / "painted.blend"), tmp_path / "made.blend"
+    arguments = ["--subdivide", "--absolute", "--tolerance", TOLERANCE, "--tolerance-by", "vertex-group"]
+    arguments += ["--vertex-group", "Detail", "--coarsest", "20", "--output", output]
+    assert run(source, *arguments) == 0
+    bpy.ops.wm.open_mainfile(filepath=str(output))
+    assert any(mesh.ccdepth.largest_ratio > 0 for mesh in bpy.data.meshes)
+    assert run(source, *arguments, "--overwrite", "--json", tmp_path / "report.json") == 1
