@@ -454,3 +454,34 @@ def test_random_results_are_sound_and_within_the_tolerance_both_ways(seed: int) 
     request = request_of(mesh, 10 ** generator.uniform(-3, -1), most_faces=100_000)
     found = subdivided(mesh, request)
     assert_as_near_as_proved(mesh, found, request.limit)
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize("name", ["n-gons", "torus", "random creases", "tetrahedron"])
+def test_no_edge_is_longer_than_allowed(name: str, mode: Mode) -> None:
+    """And the mesh is sound, and still as near; a length that no edge exceeds changes nothing."""
+    mesh = build(name)
+    request = request_of(mesh, 0.05, mode)
+    free = subdivided(mesh, request)
+    largest = edge_lengths(free).max()
+    for share in (0.9, 0.3):
+        found = subdivided(mesh, replace(request, longest_edge=share * largest))
+        assert edge_lengths(found).max() <= share * largest
+        soundness.assert_sound(mesh, found.mesh)
+        assert np.all(found.bounds <= request.limit)
+    same = subdivided(mesh, replace(request, longest_edge=largest))
+    np.testing.assert_array_equal(same.mesh.positions, free.mesh.positions)
+
+
+def test_long_strips_are_cut_across() -> None:
+    """A flat strip of one face, ten times as long as wide, needs no cut along it."""
+    data = meshes.bent(meshes.grid(1, 1), lambda x, y, z: (10 * x, y, z))
+    mesh = meshes.build(data, smooth_corners=False)
+    found = subdivided(mesh, replace(request_of(mesh, 0.05), longest_edge=1.01))
+    assert len(found.bounds) == 16
+
+
+def edge_lengths(found: AdaptiveMesh) -> FloatArray:
+    ends = found.mesh.positions[found.mesh.edge_vertices]
+    lengths: FloatArray = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return lengths

@@ -31,6 +31,8 @@ from ccdepth_addon.core import (
     uniform_level,
 )
 from ccdepth_addon.core.adaptive.planner import plan_within
+from ccdepth_addon.core.bounds.norm_bounds import Method
+from ccdepth_addon.core.depth.face_depths import groups_of
 from tests import meshes, soundness
 from tests.brute_force import Levels
 
@@ -246,6 +248,22 @@ def test_depths_are_within_the_finest_tolerance_of_each_face(method: str, seed: 
     shallow = face_depths(mesh, tolerance, method, "CONTROL")
     assert np.all(found.depths <= shallow.depths)
     assert found.depths.sum() < shallow.depths.sum()
+
+
+@pytest.mark.parametrize("method", [Method.DISTANCE, Method.CERTIFIED])
+def test_groups_have_the_least_tolerance_of_all_faces_that_count(method: Method) -> None:
+    """By distance the faces around a face count as well. Each face is in one group."""
+    mesh, rng = build("n-gons", 1), np.random.default_rng(1)
+    factors = 10.0 ** rng.random(mesh.corner_count)
+    groups = groups_of(mesh, np.arange(mesh.face_count), 2.0, Variation(factors), method)
+    corners = [{*mesh.corner_vertices[start:end].tolist()} for start, end in _faces(mesh)]
+    own = [2 * factors[start:end].min() for start, end in _faces(mesh)]
+    for faces, test in groups:
+        for face in faces.tolist():
+            touching = [other for other, each in enumerate(corners) if each & corners[face]]
+            least = min(own[other] for other in touching) if method is Method.DISTANCE else own[face]
+            assert least / 2**0.25 <= test.tolerance <= least
+    np.testing.assert_array_equal(np.sort(np.concatenate([faces for faces, _ in groups])), np.arange(mesh.face_count))
 
 
 def _faces(mesh: PolygonMesh) -> list[tuple[int, int]]:

@@ -227,6 +227,17 @@ class Plan:
             ways[own] = ways_by_coefficients(self.surfaces.coefficients(leaves[own]))
         return ways
 
+    def ways_by_sides(self, leaves: IndexArray) -> IndexArray:
+        """(n,): how to split leaves across their longer sides."""
+        ways = np.full(len(leaves), QUARTERS)
+        if self.request.may_halve:
+            is_quad = self.tree.is_quad(leaves)
+            corners = self.positions.of(self.tree.slot_vertices[self.tree.quad_slots(leaves[is_quad])].ravel())
+            corners = corners.reshape(-1, 4, 3)
+            sides = lengths(np.roll(corners, -1, axis=1) - corners).reshape(-1, 2, 2).max(axis=1)
+            ways[is_quad] = np.where(sides[:, 0] >= sides[:, 1], ALONG_U, ALONG_V)
+        return ways
+
     def split(self, leaves: IndexArray, ways: IndexArray) -> IndexArray:
         """Split leaves, each once, in the given ways (n,). Bicubic quads are quartered by two halvings. Returns the
         children."""

@@ -6,7 +6,8 @@ The faces of the control mesh are the first leaves of a tree of rectangles. A le
 1. while its triangles seem to miss the surface by more than the limit, across the direction of most bend;
 2. where neighbours are more than one split ahead, or where split sides make more faces than a split does;
 3. with angles, while the normals of the leaf are not proved to be within them (``leaf_angles``);
-4. while no bound within the limit is proved for the leaf (``leaf_bounds``); then the leaves around are bounded again.
+4. while no bound within the limit is proved for the leaf (``leaf_bounds``); then the leaves around are bounded again;
+5. where edges clash, or are longer than allowed.
 Bounds fall with the size of a leaf, and no split is undone, so splitting ends. Every leaf then has a proved bound, in
 both directions between mesh and surface (docs/adaptive.md).
 """
@@ -18,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import units
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import lengths, units
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress, no_report
 from .balance import cheaper_split, unbalanced
@@ -94,7 +95,8 @@ def _corner_normals(plan: Plan, tessellation: TessellationPlan) -> FloatArray:
 
 
 def plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> tuple[Plan, TessellationPlan]:
-    """A plan with bounds within the limit for all leaves, and its tessellation without clashing edges."""
+    """A plan with bounds within the limit for all leaves, and its tessellation without edges that clash or are too
+    long."""
     plan = Plan(mesh, request, progress)
     leaves = np.arange(mesh.face_count)
     while len(missing := plan.approximate(leaves)):
@@ -104,9 +106,19 @@ def plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress)
             _split(plan, *wanted)
         leaves = plan.leaves()
         tessellation = plan_tessellation(plan.tree, leaves, plan.approximation(leaves))
-        if not len(clashes := tessellation.clashes):
+        if len(clashes := tessellation.clashes):
+            _split(plan, clashes, np.full(len(clashes), QUARTERS))
+        elif request.longest_edge and len(long := tessellation.at_edges(_are_too_long(plan, tessellation))):
+            _split(plan, long, plan.ways_by_sides(long))
+        else:
             return plan, tessellation
-        _split(plan, clashes, np.full(len(clashes), QUARTERS))
+
+
+def _are_too_long(plan: Plan, tessellation: TessellationPlan) -> BoolArray:
+    """(E,) bool: whether edges are longer than the request allows."""
+    ends = plan.positions.of(tessellation.used)[tessellation.edges.vertices]
+    found: BoolArray = lengths(ends[:, 1] - ends[:, 0]) > plan.request.longest_edge
+    return found
 
 
 def _unfinished(plan: Plan) -> tuple[IndexArray, IndexArray]:

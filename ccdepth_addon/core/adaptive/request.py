@@ -31,6 +31,7 @@ class AdaptiveRequest:
     as for a later reduction. shading, facets: the largest angles allowed between the surface's normals and the stored
     normals, interpolated, or the triangles' own, in radians below a right angle; 0 for none. is_smooth: (F,) bool,
     whether control faces are shaded smooth; without it all are. stored: how far storing a vertex can move it.
+    longest_edge: the greatest length of an edge of a face, in the unit of the positions; 0 for any.
     """
 
     limit: float
@@ -43,6 +44,7 @@ class AdaptiveRequest:
     facets: float = 0.0
     is_smooth: BoolArray | None = None
     stored: float = 0.0
+    longest_edge: float = 0.0
     rounding: float = 0.0
     variation: Variation | None = None
 

@@ -99,10 +99,14 @@ class TessellationPlan:
     @property
     def clashes(self) -> IndexArray:
         """The nodes to split because of clashing edges."""
-        if not np.any(self.edges.clashing):
+        return self.at_edges(self.edges.clashing)
+
+    def at_edges(self, chosen: BoolArray) -> IndexArray:
+        """The nodes with chosen edges (E,)."""
+        if not np.any(chosen):
             return np.zeros(0, dtype=np.intp)
-        clashing = np.logical_or.reduceat(self.edges.clashing[self.edges.of_corners], self.starts[:-1])
-        return self.leaves[np.unique(self.drawn[clashing])]
+        faces = np.logical_or.reduceat(chosen[self.edges.of_corners], self.starts[:-1])
+        return self.leaves[np.unique(self.drawn[faces])]
 
 
 def plan_tessellation(tree: RectangleTree, leaves: IndexArray, approximation: LeafApproximation) -> TessellationPlan:
