@@ -230,7 +230,7 @@ def test_feet_and_places_are_within_the_tolerances_of_all_leaves_that_touch() ->
     proved = np.isfinite(bounds) & np.isinf(plan.at_equal.values[leaves])
     assert proved.any()
     assert np.all(bounds[proved] <= least[proved] * ROUNDED)
-    np.testing.assert_allclose(plan.limits_around(leaves), least, rtol=1e-12)
+    np.testing.assert_allclose(plan.limits_around(leaves, 1), least, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", [1, *SEEDS])

@@ -103,7 +103,7 @@ def bounds_both_ways(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, FloatA
     around are included, as their surface may be the nearest."""
     found, rounding = plan.bounds(leaves), plan.request.rounding
     is_own = np.isfinite(np.minimum(plan.at_equal.values[leaves], plan.paired.values[leaves]))
-    limits = np.where(is_own, plan.limits.values[leaves], plan.limits_around(leaves))
+    limits = np.where(is_own, plan.limits.values[leaves], plan.limits_around(leaves, 1))
     ratios = (found + rounding) / (limits + rounding)
     around = [largest_around(plan.tree, leaves, each) for each in (found, ratios)]
     return np.where(is_own, found, around[0]), np.where(is_own, ratios, around[1])
@@ -133,7 +133,7 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
     around."""
     if not len(wanted):
         return np.zeros(0)
-    tree, limits = plan.tree, plan.limits_around(wanted)
+    tree, limits = plan.tree, plan.limits_around(wanted, 2)
     near = with_rings(tree, wanted, 1)
     leaves = with_rings(tree, near, 1)
     approximation = plan.approximation(leaves)

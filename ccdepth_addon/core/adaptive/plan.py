@@ -92,12 +92,15 @@ class Plan:
         found: FloatArray = np.minimum.reduce([column.values[leaves] for column in columns])
         return found
 
-    def limits_around(self, leaves: IndexArray) -> FloatArray:
-        """(n,): the least limits of leaves and of all leaves that share a vertex with them."""
+    def limits_around(self, leaves: IndexArray, rings: int) -> FloatArray:
+        """(n,): the least limits of leaves and of a number of rings of leaves around them."""
         if self.request.variation is None:
             return self.limits.values[leaves]
-        near = with_rings(self.tree, leaves, 1)
-        return -largest_around(self.tree, near, -self.limits.values[near])[np.searchsorted(near, leaves)]
+        near = with_rings(self.tree, leaves, rings)
+        least = self.limits.values[near]
+        for _ in range(rings):
+            least = -largest_around(self.tree, near, -least)
+        return least[np.searchsorted(near, leaves)]
 
     def reaches(self, leaves: IndexArray) -> FloatArray:
         """(n,): the widths below which parts of the surface over leaves are too narrow to count for angles."""

@@ -30,7 +30,7 @@ LEAST_SIZE = 2.0**-13
 def bounds_by_feet(plan: Plan, leaves: IndexArray) -> FloatArray:
     """(n,): bounds of the distance between the triangles of leaves, ascending, and the surface; infinite beyond the
     least limit around, and without feet."""
-    found, limits = np.full(len(leaves), np.inf), plan.limits_around(leaves)
+    found, limits = np.full(len(leaves), np.inf), plan.limits_around(leaves, 1)
     which = np.flatnonzero(plan.surfaces.are_smooth(leaves))
     curvature, speed = _constants_around(plan, leaves[which])
     which, curvature, speed = (each[np.isfinite(curvature)] for each in (which, curvature, speed))
