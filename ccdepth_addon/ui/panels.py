@@ -54,7 +54,7 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
         column = settings_column(layout)
         _draw_objects(column, context)
         column.prop(settings, "use_modifiers")
-        column.row().prop(settings, "shown_tolerance_mode", text="Tolerance", expand=True)
+        column.prop(settings, "shown_tolerance_mode", text="Tolerance")
         draw_tolerance(column, context.scene)
         # Its room is there when it has nothing to say.
         split = column.split(factor=NAME_PART)

@@ -72,7 +72,7 @@ def test_every_sample_is_within_its_own_tolerance() -> None:
     [result] = subdivide(holder, **by_group())
     assert faces(result) < 0.7 * many
     assert 0.5 < result.data.ccdepth.largest_ratio <= 1.0
-    assert addon.facts(result)["Of Own Tolerance"].endswith("%")
+    assert addon.facts(result)["Of Tolerance"].endswith("%")
     positions, quads, weights = deep_level(holder)
     own = TOLERANCE * COARSEST ** (1 - weights)
     drawn = scene.mesh_data(result.data).positions
