@@ -150,7 +150,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
         Fact("Tolerance", tolerance, ALLOWED, is_detail=True),
         *_seen_from(record),
         Fact("Distance", largest, proved),
-        *([Fact("Of Tolerance", f"{record.largest_ratio:.1%}", RATIO)] if record.largest_ratio else []),
+        *([Fact("Of Tolerance", _percent(record.largest_ratio), RATIO)] if record.largest_ratio else []),
         *angles,
         *([Fact("Narrow Parts", narrow, NARROW, is_detail=True)] if record.narrow_leaves else []),
     ]
