@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
-from ccdepth_addon.core.surface.evaluation import LARGEST_STENCIL_VALENCE, limit_values
+from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.limit_normals import limit_normals
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.new_vertices import limits_of_new_vertices
+from ccdepth_addon.core.surface.stencils import LARGEST_STENCIL_VALENCE
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes, nets
 from tests.core.test_catmull_clark import MESHES, build, every_mesh

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The regular and extraordinary patches of the base faces of a search, sorted from a refinement."""
+"""The regular and extraordinary patches of the base faces of a search."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,9 +12,8 @@ from ..bounds.facet_bounds import LaterBounds, later_bounds
 from ..bounds.norm_bounds import PatchBounds, Vertices, second_order_regular
 from ..distance.foot_bounds import twists
 from ..surface.bicubic import FIRST_DIFFERENCE, apply, largest_norm, tensor
-from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
-from ..surface.refinement import Refinement
-from ..surface.stencils import LARGEST_STENCIL_VALENCE, PatchStencils, apply_stencils, patch_stencils
+from ..surface.patches import ring_index
+from ..surface.stencils import apply_stencils, child_at_vertex, patch_stencils, regular_children, valence_of
 from .tolerance import ToleranceTest
 
 # (P,) base faces, and (4, 4, P, 3) a net or the Bernstein coefficients of S - L for each.
@@ -117,10 +115,6 @@ class ExtraordinaryPatches:
     bases: IndexArray
     nets: FloatArray
 
-    @property
-    def stencils(self) -> PatchStencils:
-        return patch_stencils((len(self.nets) - 8) // 2)
-
     def at(self, chosen: IndexArray) -> ExtraordinaryPatches:
         """Chosen patches, by index."""
         return ExtraordinaryPatches(self.bases[chosen], self.nets.take(chosen, axis=1))
@@ -128,59 +122,10 @@ class ExtraordinaryPatches:
     def corners(self, vertices: Vertices) -> FloatArray:
         """(4, P, 3): the corners of their facets, in the face's order."""
         if vertices is Vertices.LIMIT:
-            return apply_stencils(self.stencils.limits, self.nets)
-        valence = (len(self.nets) - 8) // 2
-        return self.nets[[0, *(ring_index(valence, number) for number in (6, 5, 4))]]
+            return apply_stencils(patch_stencils(valence_of(self.nets)).limits, self.nets)
+        return self.nets[[0, *(ring_index(valence_of(self.nets), number) for number in (6, 5, 4))]]
 
     def refined(self) -> tuple[ExtraordinaryPatches, IndexArray, FloatArray]:
         """The children at the extraordinary vertices; the bases (3P,) and nets (4, 4, 3P, 3) of the regular ones."""
-        regular = apply_stencils(self.stencils.regular, self.nets).reshape(3, 4, 4, -1, 3)
-        regular = np.moveaxis(regular, 0, 2).reshape(4, 4, -1, 3)
-        refined = ExtraordinaryPatches(self.bases, apply_stencils(self.stencils.refined, self.nets))
-        return refined, np.tile(self.bases, 3), regular
-
-
-@dataclass(frozen=True)
-class ClassifiedDescendants:
-    """The descendants in a refinement by the kind of their patch: indices of the regular descendants; (descendants,)
-    bool, the descendants that are no patches (``rest``)."""
-
-    refinement: Refinement
-    kinds: PatchKinds
-    regular: IndexArray
-    rest: BoolArray
-
-    @property
-    def regular_bases(self) -> IndexArray:
-        return self.refinement.bases[self.regular]
-
-    def regular_nets(self) -> FloatArray:
-        return regular_nets(self.refinement.mesh, self.regular)
-
-    def extraordinary(self) -> Iterator[tuple[ExtraordinaryPatches, IndexArray]]:
-        """The extraordinary patches, valence by valence, with their indices among the descendants."""
-        mesh = self.refinement.mesh
-        faces = np.flatnonzero(~self.rest)
-        faces = faces[self.kinds.kinds[faces] == PatchKind.EXTRAORDINARY]
-        corners = self.kinds.extraordinary_corners[faces]
-        valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
-        for valence in np.unique(valences).tolist():
-            of_valence = valences == valence
-            nets = extraordinary_nets(mesh, corners[of_valence], valence)
-            yield ExtraordinaryPatches(self.refinement.bases[faces[of_valence]], nets), faces[of_valence]
-
-    def corners_from_extraordinary(self, faces: IndexArray) -> IndexArray:
-        """(4, P): the corners 0 to 3 of extraordinary faces, from the extraordinary corner on, as in their nets."""
-        first = self.kinds.extraordinary_corners[faces] - self.refinement.mesh.face_starts[faces]
-        return (first + np.arange(4)[:, None]) % 4
-
-
-def classified_descendants(refinement: Refinement) -> ClassifiedDescendants:
-    mesh = refinement.mesh
-    kinds = classify_patches(mesh)
-    own = kinds.kinds[: len(refinement.bases)]
-    extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
-    valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
-    rest = own == PatchKind.IRREGULAR
-    rest[extraordinary[valences > LARGEST_STENCIL_VALENCE]] = True
-    return ClassifiedDescendants(refinement, kinds, np.flatnonzero(own == PatchKind.REGULAR), rest)
+        refined = ExtraordinaryPatches(self.bases, child_at_vertex(self.nets))
+        return refined, np.tile(self.bases, 3), regular_children(self.nets)

@@ -39,13 +39,13 @@ from ..bounds.polygon_bounds import polygon_thickness
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
-from ..surface.patches import PatchKind, classify_patches, regular_nets
+from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
+from ..surface.stencils import by_valence
 from .base_patches import (
     BasePatches,
     ExtraordinaryPatches,
     RegularPatches,
-    classified_descendants,
     joined_pieces,
     selected_pieces,
 )
@@ -281,10 +281,13 @@ class _CertifiedSearch:
     def _collect_patches(self, level: int) -> None:
         """Move the refinement's regular and extraordinary faces to the patches."""
         if self.refinement is not None and len(self.refinement.bases):
-            classified = classified_descendants(self.refinement)
-            self.new_patches.append((classified.regular_bases, classified.regular_nets()))
-            self.extraordinary += [patches for patches, _ in classified.extraordinary()]
-            self.refinement = self.refinement.keep(classified.rest)
+            mesh, bases = self.refinement.mesh, self.refinement.bases
+            regular, extraordinary, rest = by_valence(mesh, np.arange(len(bases)), classify_patches(mesh))
+            self.new_patches.append((bases[regular], regular_nets(mesh, regular)))
+            for valence, faces, corners in extraordinary:
+                nets = extraordinary_nets(mesh, corners, valence)
+                self.extraordinary.append(ExtraordinaryPatches(bases[faces], nets))
+            self.refinement = self.refinement.keep(rest)
         if self.new_patches:
             self.patches.append(RegularPatches.joined(level, self.new_patches))
             self.new_patches = []
@@ -452,13 +455,16 @@ class _CertifiedSearch:
             return refinement, facets
         facets = refinement.facets_of_children(facets)
         refinement = refinement.refined()
-        classified = classified_descendants(refinement)
-        differences = patch_coefficients(classified.regular_nets())
-        differences -= bilinear_coefficients(facets.take(classified.regular, axis=1))
-        decision.open_differences.append((classified.regular_bases, differences))
-        for patches, faces in classified.extraordinary():
-            self._evaluate_extraordinary(decision, patches, facets[classified.corners_from_extraordinary(faces), faces])
-        return refinement.keep(classified.rest), facets.compress(classified.rest, axis=1).swapaxes(0, 1).reshape(-1, 3)
+        mesh, bases = refinement.mesh, refinement.bases
+        regular, extraordinary, rest = by_valence(mesh, np.arange(len(bases)), classify_patches(mesh))
+        differences = patch_coefficients(regular_nets(mesh, regular))
+        differences -= bilinear_coefficients(facets.take(regular, axis=1))
+        decision.open_differences.append((bases[regular], differences))
+        for valence, faces, corners in extraordinary:
+            patches = ExtraordinaryPatches(bases[faces], extraordinary_nets(mesh, corners, valence))
+            # From the extraordinary corner on, as in the nets.
+            self._evaluate_extraordinary(decision, patches, facets[(corners + np.arange(4)[:, None]) % 4, faces])
+        return refinement.keep(rest), facets.compress(rest, axis=1).swapaxes(0, 1).reshape(-1, 3)
 
     def _evaluate_differences(
         self, decision: LevelDecision, bases: IndexArray, values: FloatArray, splits: int

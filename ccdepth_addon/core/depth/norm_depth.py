@@ -20,6 +20,7 @@ from ..bounds.norm_bounds import PatchBounds, PatchMethod, Vertices, support_bou
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
+from ..surface.stencils import by_valence
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 # Points of extraordinary nets evaluated together.
@@ -103,16 +104,13 @@ class _NormEvaluation:
         self, mesh: PolygonMesh, patches: PatchKinds, faces: IndexArray
     ) -> Iterator[tuple[IndexArray, PatchBounds]]:
         """The bounds of the regular and the extraordinary among the faces, a chunk of one kind at a time."""
-        kinds = patches.kinds[faces]
-        for regular in index_chunks(faces[kinds == PatchKind.REGULAR], AT_ONCE):
-            yield regular, self.method.regular(regular_nets(mesh, regular), self.vertices)
-        extraordinary = faces[kinds == PatchKind.EXTRAORDINARY]
-        valences = mesh.vertex_face_counts[mesh.corner_vertices[patches.extraordinary_corners[extraordinary]]]
-        for valence in np.unique(valences).tolist():
-            at_once = max(1, EXTRAORDINARY_POINTS_AT_ONCE // (2 * valence + 8))
-            for chunk in index_chunks(extraordinary[valences == valence], at_once):
-                nets = extraordinary_nets(mesh, patches.extraordinary_corners[chunk], valence)
-                yield chunk, self.method.extraordinary(nets, self.vertices)
+        regular, extraordinary, _ = by_valence(mesh, faces, patches, largest=mesh.face_count)
+        for chunk in index_chunks(faces[regular], AT_ONCE):
+            yield chunk, self.method.regular(regular_nets(mesh, chunk), self.vertices)
+        for valence, _, corners in extraordinary:
+            for chunk in index_chunks(corners, max(1, EXTRAORDINARY_POINTS_AT_ONCE // (2 * valence + 8))):
+                nets = extraordinary_nets(mesh, chunk, valence)
+                yield mesh.corner_faces[chunk], self.method.extraordinary(nets, self.vertices)
 
     def first_levels(self, faces: IndexArray, bounds: PatchBounds) -> FaceDepths:
         """The first level of each patch whose bound is within the tolerance."""

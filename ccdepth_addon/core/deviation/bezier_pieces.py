@@ -228,16 +228,14 @@ class BezierPieces:
     def _descendants(self, refinement: Refinement, sides: IndexArray) -> NewPieces:
         """The first faces of a refinement, one for each row of sides (n, 4), as pieces."""
         count, mesh = len(sides), refinement.mesh
-        kinds = classify_patches(mesh)
-        regular, extraordinary, others = by_valence(mesh, kinds, count, LARGEST_VALENCE)
+        regular, extraordinary, others = by_valence(mesh, np.arange(count), classify_patches(mesh), LARGEST_VALENCE)
         coefficients, middles, excess = np.empty((count, 3, 16)), np.empty((count, 3)), np.zeros(count)
         sides = sides.copy()
         stores, rows = np.full(count, NONE), np.full(count, NONE)
         for block in chunks(len(regular), AT_ONCE):
             coefficients[regular[block]] = _bernstein(regular_nets(mesh, regular[block]))
             self._tick()
-        for valence, chosen in extraordinary:
-            corners = kinds.extraordinary_corners[chosen]
+        for valence, chosen, corners in extraordinary:
             nets = extraordinary_nets(mesh, corners, valence)
             coefficients[chosen], middles[chosen], excess[chosen] = pieces_of_nets(nets, valence, self._tick)
             # Corners of these pieces are counted from the extraordinary corner on.
@@ -245,16 +243,14 @@ class BezierPieces:
             sides[chosen] = np.take_along_axis(sides[chosen], turned % 4, axis=1)
             stores[chosen], rows[chosen] = len(self._stores), np.arange(len(chosen))
             self._stores.append(Nets(valence, nets))
-        if len(others):
-            wanted = np.zeros(count, dtype=bool)
-            wanted[others] = True
-            rest = refinement.keep(wanted)
+        if others.any():
+            rest = refinement.keep(others)
             coefficients[others] = bilinear_pieces(rest.limits_at_corners.reshape(-1, 4, 3))
-            excess[others] = support_bounds(rest.mesh, Vertices.LIMIT)[: len(others)]
-            stores[others], rows[others] = len(self._stores), np.arange(len(others))
+            excess[others] = support_bounds(rest.mesh, Vertices.LIMIT)[: len(rest.bases)]
+            stores[others], rows[others] = len(self._stores), np.arange(len(rest.bases))
             self._stores.append(rest)
             self._tick()
-        plain = np.concatenate([regular, others])
+        plain = np.concatenate([regular, np.flatnonzero(others)])
         middles[plain] = coefficients[plain] @ MIDDLE
         return NewPieces(coefficients, middles, excess, sides, stores, rows)
 

@@ -19,7 +19,7 @@ from ..mesh.level_quads import may_be_folded
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import SPLINE_HALVES, both_ways
 from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from ..surface.stencils import apply_stencils, by_valence, patch_stencils
+from ..surface.stencils import by_valence, regular_children
 from .foot_bounds import LARGEST_TILT, ROUNDING, FootBounds, Frame, equal_bounds, foot_bounds
 from .leaf_feet import leaf_feet
 from .middle_distances import likely_at_parts
@@ -92,9 +92,9 @@ class FaceFeet:
             for corner in range(4):
                 np.maximum.at(own, corners[:, corner], values)
         is_known, is_beside = is_regular.copy(), np.zeros(mesh.vertex_count, dtype=bool)
-        for valence, faces in by_valence(mesh, patches, len(is_turned))[1]:
+        for valence, faces, extraordinary in by_valence(mesh, np.arange(len(is_turned)), patches)[1]:
             is_known[faces] = True
-            found = _of_children(mesh, patches.extraordinary_corners[faces], valence)
+            found = _of_children(mesh, extraordinary, valence)
             for at, *constants in zip(*found, strict=True):
                 is_beside[at] = True
                 for own, values in zip(at_vertices, constants, strict=True):
@@ -244,8 +244,8 @@ class FaceFeet:
 def _of_children(mesh: PolygonMesh, corners: IndexArray, valence: int) -> tuple[IndexArray, FloatArray, FloatArray]:
     """(3, P) each, for faces with their extraordinary vertex at given corners: their other vertices, and κ and α of
     their regular children there, α in parameters of the face."""
-    nets = apply_stencils(patch_stencils(valence).regular, extraordinary_nets(mesh, corners, valence))
-    frame = Frame.of(np.concatenate([np.ascontiguousarray(each.swapaxes(1, 2)) for each in np.split(nets, 3)], axis=2))
+    children = regular_children(extraordinary_nets(mesh, corners, valence))
+    frame = Frame.of(_by_component(children))
     constants = frame.curvature, np.maximum(*frame.speeds) / 2
     curvature, speed = (np.where(frame.is_known, each * (1 + ROUNDING), np.inf).reshape(3, -1) for each in constants)
     first = mesh.face_starts[mesh.corner_faces[corners]]
@@ -255,7 +255,12 @@ def _of_children(mesh: PolygonMesh, corners: IndexArray, valence: int) -> tuple[
 
 def _nets(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
     """(16, 3, P): the nets of regular faces, component by component."""
-    return np.ascontiguousarray(regular_nets(mesh, faces).reshape(16, -1, 3).swapaxes(1, 2))
+    return _by_component(regular_nets(mesh, faces))
+
+
+def _by_component(nets: FloatArray) -> FloatArray:
+    """(16, 3, P) from nets (4, 4, P, 3)."""
+    return np.ascontiguousarray(nets.reshape(16, -1, 3).swapaxes(1, 2))
 
 
 def _turned(nets: FloatArray, is_turned: BoolArray) -> FloatArray:

@@ -21,10 +21,17 @@ from ..arrays.vectors import cross_products, joined_vectors, selected_vectors
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces
 from ..surface.bicubic import NET_TO_BERNSTEIN
-from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ..surface.patches import classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
 from ..surface.squares import SQUARE, TURNS, Squares
-from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
+from ..surface.stencils import (
+    LARGEST_STENCIL_VALENCE,
+    apply_stencils,
+    by_valence,
+    child_at_vertex,
+    regular_children,
+    valence_of,
+)
 
 # The rest at an extraordinary vertex shrinks by 0.41 a level for valence 3, and by up to 0.68 for other valences: more
 # levels than these are beyond double precision.
@@ -65,34 +72,21 @@ def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
     squares = Squares.whole(len(refinement.bases))
     last_level = min(levels, MOST_REFINED_LEVELS)
     for level in range(last_level + 1):
-        mesh, patches = refinement.mesh, classify_patches(refinement.mesh)
-        kinds = patches.kinds[: len(refinement.bases)]
-        regular = np.flatnonzero(kinds == PatchKind.REGULAR)
+        mesh, is_last = refinement.mesh, level == last_level
+        regular, extraordinary, rest = by_valence(mesh, np.arange(len(refinement.bases)), classify_patches(mesh))
         if len(regular):
             nets = regular_nets(mesh, regular).reshape(16, -1, 3)
             yield Tiles(squares.at(regular), apply_stencils(NET_TO_BERNSTEIN, nets))
-        extraordinary = np.flatnonzero(kinds == PatchKind.EXTRAORDINARY)
-        corners = patches.extraordinary_corners[extraordinary]
-        valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
-        is_last = level == last_level
-        settled = kinds == PatchKind.REGULAR
-        for valence in np.unique(valences).tolist():
-            if valence > LARGEST_STENCIL_VALENCE:
-                continue
-            chosen = valences == valence
-            settled[extraordinary[chosen]] = True
-            nets = extraordinary_nets(mesh, corners[chosen], valence)
-            own = squares.at(extraordinary[chosen])
-            yield from tiles_around_vertex(
-                nets, valence, _from_corners(own, corners[chosen] % 4), 0 if is_last else levels
-            )
-        rest = np.flatnonzero(~settled)
-        if not len(rest):
+        for valence, chosen, corners in extraordinary:
+            nets, own = extraordinary_nets(mesh, corners, valence), _from_corners(squares.at(chosen), corners % 4)
+            yield from _tiles_around_vertex(nets, own, 0 if is_last else levels)
+        others = np.flatnonzero(rest)
+        if not len(others):
             return
         if is_last:
-            yield Tiles(squares.at(rest), support_points(mesh, rest), are_bicubic=False)
+            yield Tiles(squares.at(others), support_points(mesh, others), are_bicubic=False)
             return
-        refinement, squares = refinement.keep(~settled).refined(), squares.at(rest).children()
+        refinement, squares = refinement.keep(rest).refined(), squares.at(others).children()
 
 
 def support_points(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
@@ -141,13 +135,11 @@ def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
     return Squares(squares.bases, origins, TURNS[corners] @ squares.axes)
 
 
-def tiles_around_vertex(nets: FloatArray, valence: int, squares: Squares, levels: int) -> Iterator[Tiles]:
+def _tiles_around_vertex(nets: FloatArray, squares: Squares, levels: int) -> Iterator[Tiles]:
     """The tiles of nets (2n + 8, P, 3) around extraordinary vertices at corners 0 of the squares."""
-    for _ in range(min(levels, MOST_LEVELS_3) if valence == 3 else levels):
-        stencils = patch_stencils(valence)
-        children = squares.children()
-        for child, rows in enumerate(np.split(stencils.regular, 3), start=1):
-            own = children.at(4 * np.arange(nets.shape[1]) + child)
-            yield Tiles(own, apply_stencils(NET_TO_BERNSTEIN @ rows, nets))
-        nets, squares = apply_stencils(stencils.refined, nets), children.at(4 * np.arange(nets.shape[1]))
+    for _ in range(min(levels, MOST_LEVELS_3) if valence_of(nets) == 3 else levels):
+        children, first = squares.children(), 4 * np.arange(nets.shape[1])
+        own = children.at((first + np.arange(1, 4)[:, None]).ravel())
+        yield Tiles(own, apply_stencils(NET_TO_BERNSTEIN, regular_children(nets).reshape(16, -1, 3)))
+        nets, squares = child_at_vertex(nets), children.at(first)
     yield Tiles(squares, nets, are_bicubic=False)

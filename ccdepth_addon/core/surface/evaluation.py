@@ -26,8 +26,8 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from .catmull_clark import subdivide
 from .limit_positions import limit_positions
-from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
+from .patches import classify_patches, extraordinary_nets, regular_nets
+from .stencils import apply_stencils, by_valence, child_at_vertex, patch_stencils, regular_children, valence_of
 from .surface_points import SurfacePoints
 
 
@@ -62,8 +62,7 @@ class _Values:
         return spline_sums(nets, which, spline_weights(parameters[:, 0]), spline_weights(parameters[:, 1]))
 
     def at_extraordinary_vertices(self, nets: FloatArray) -> FloatArray:
-        valence = (len(nets) - 8) // 2
-        return apply_stencils(patch_stencils(valence).limits[:1], nets)[0]
+        return apply_stencils(patch_stencils(valence_of(nets)).limits[:1], nets)[0]
 
     def at_vertices(self, mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
         vertices = mesh.corner_vertices[corners]
@@ -128,17 +127,13 @@ class _Pending:
 def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Iterator[_Pending]:
     """Put the values that this level gives into the result, and yield the other points on refined meshes."""
     mesh, faces = pending.mesh, pending.faces()
-    kinds = classify_patches(mesh)
-    corners = kinds.extraordinary_corners[faces]
-    extraordinary = kinds.kinds[faces] == PatchKind.EXTRAORDINARY
-    extraordinary &= mesh.vertex_face_counts[mesh.corner_vertices[corners]] <= LARGEST_STENCIL_VALENCE
-    regular = kinds.kinds[faces] == PatchKind.REGULAR
-    at_vertex = ~(regular | extraordinary) & ~pending.points.parameters.any(axis=1)
-    _put_on_regular(pending, np.flatnonzero(regular), quantity, result)
-    on_extraordinary = np.flatnonzero(extraordinary)
-    _put_on_extraordinary(pending.at(on_extraordinary), corners[on_extraordinary], quantity, result)
+    regular, extraordinary, rest = by_valence(mesh, faces, classify_patches(mesh))
+    at_vertex = rest & ~pending.points.parameters.any(axis=1)
+    _put_on_regular(pending, regular, quantity, result)
+    for valence, chosen, corners in extraordinary:
+        _put_on_extraordinary(pending.at(chosen), corners, valence, quantity, result)
     _put_at_vertices(pending.at(np.flatnonzero(at_vertex)), quantity, result)
-    return _refined(pending.at(np.flatnonzero(~(regular | extraordinary | at_vertex))))
+    return _refined(pending.at(np.flatnonzero(rest & ~at_vertex)))
 
 
 def _put_on_regular(pending: _Pending, regular: IndexArray, quantity: Quantity, result: FloatArray) -> None:
@@ -152,31 +147,27 @@ def _put_on_regular(pending: _Pending, regular: IndexArray, quantity: Quantity, 
             result[part.rows] = quantity.on_splines(nets, which[chunk], parameters)
 
 
-def _put_on_extraordinary(pending: _Pending, corners: IndexArray, quantity: Quantity, result: FloatArray) -> None:
-    """corners: (N,) intp, the extraordinary corner of each point's face."""
-    mesh = pending.mesh
-    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
-    for valence in np.unique(valences).tolist():
-        of_valence = np.flatnonzero(valences == valence)
-        # With one extraordinary corner in each face, the corner identifies the face.
-        for at_corners, chosen, which in _by_faces(corners[of_valence], AT_ONCE):
-            part = pending.at(of_valence[chosen])
-            turned = (part.points.corners - at_corners[which]) % 4
-            nets = extraordinary_nets(mesh, at_corners, valence)
-            _descend(nets, which, SurfacePoints(turned, part.points.parameters), part.rows, quantity, result)
+def _put_on_extraordinary(
+    pending: _Pending, corners: IndexArray, valence: int, quantity: Quantity, result: FloatArray
+) -> None:
+    """corners: (N,) intp, the extraordinary corner of each point's face, all of one valence."""
+    # With one extraordinary corner in each face, the corner identifies the face.
+    for at_corners, chosen, which in _by_faces(corners, AT_ONCE):
+        part = pending.at(chosen)
+        turned = (part.points.corners - at_corners[which]) % 4
+        nets = extraordinary_nets(pending.mesh, at_corners, valence)
+        _descend(nets, which, SurfacePoints(turned, part.points.parameters), part.rows, quantity, result)
 
 
 def _descend(
     nets: FloatArray, which: IndexArray, points: SurfacePoints, rows: IndexArray, quantity: Quantity, result: FloatArray
 ) -> None:
     """Descend through the children at the extraordinary vertex. The points' corners are counted from there."""
-    stencils = patch_stencils((len(nets) - 8) // 2)
     while True:
         outer = np.flatnonzero(points.corners > 0)
         if len(outer):
-            children = _regular_children(stencils.regular, nets)
             child = (points.corners[outer] - 1) * nets.shape[1] + which[outer]
-            result[rows[outer]] = quantity.on_splines(children, child, points.parameters[outer])
+            result[rows[outer]] = quantity.on_splines(regular_children(nets), child, points.parameters[outer])
         away = points.parameters.any(axis=1)
         centre = np.flatnonzero((points.corners == 0) & ~away)
         if len(centre):
@@ -185,14 +176,8 @@ def _descend(
         if not len(inner):
             return
         kept, which = np.unique(which[inner], return_inverse=True)
-        nets = apply_stencils(stencils.refined, nets[:, kept])
+        nets = child_at_vertex(nets[:, kept])
         rows, points = rows[inner], _in_quarters(points.parameters[inner])
-
-
-def _regular_children(stencils: FloatArray, nets: FloatArray) -> FloatArray:
-    """(4, 4, 3F, D): the regular children of extraordinary nets (2n + 8, F, D), child after child."""
-    children = apply_stencils(stencils, nets).reshape(3, 4, 4, *nets.shape[1:])
-    return children.transpose(1, 2, 0, 3, 4).reshape(4, 4, -1, nets.shape[2])
 
 
 def _put_at_vertices(pending: _Pending, quantity: Quantity, result: FloatArray) -> None:

@@ -13,6 +13,7 @@ from .catmull_clark import subdivide
 from .evaluation import evaluate, spline_sums, spline_weights
 from .patches import ring_index
 from .sharpness import VertexRule, has_semi_sharp, vertex_rules
+from .stencils import valence_of
 from .surface_points import SurfacePoints
 
 # Tangents whose cross product is less than this share of their lengths' product are parallel up to rounding.
@@ -51,7 +52,7 @@ class _Normals:
         return _unit_normals(first, second)
 
     def at_extraordinary_vertices(self, nets: FloatArray) -> FloatArray:
-        valence = (len(nets) - 8) // 2
+        valence = valence_of(nets)
         # Stam's order runs clockwise.
         spokes = [ring_index(valence, 6 - 2 * i) for i in range(valence)]
         diagonals = [ring_index(valence, 5 - 2 * i) for i in range(valence)]

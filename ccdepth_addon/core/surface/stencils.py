@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..arrays.matrix_products import matrix_product
-from ..arrays.types import FloatArray, IndexArray
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .catmull_clark import subdivide
 from .limit_positions import limit_positions
@@ -79,15 +79,33 @@ def apply_stencils(stencils: FloatArray, nets: FloatArray) -> FloatArray:
     return matrix_product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])
 
 
+def child_at_vertex(nets: FloatArray) -> FloatArray:
+    """(2n + 8, P, D): the nets of the children at the extraordinary vertices of nets (2n + 8, P, D)."""
+    return apply_stencils(patch_stencils(valence_of(nets)).refined, nets)
+
+
+def regular_children(nets: FloatArray) -> FloatArray:
+    """(4, 4, 3P, D): the nets of the other children, child after child, at V₆, V₅ and V₄."""
+    children = apply_stencils(patch_stencils(valence_of(nets)).regular, nets).reshape(3, 16, *nets.shape[1:])
+    return children.swapaxes(0, 1).reshape(4, 4, -1, nets.shape[2])
+
+
+def valence_of(nets: FloatArray) -> int:
+    """The valence n of nets (2n + 8, P, D)."""
+    return (len(nets) - 8) // 2
+
+
 def by_valence(
-    mesh: PolygonMesh, kinds: PatchKinds, count: int, largest: int = LARGEST_STENCIL_VALENCE
-) -> tuple[IndexArray, list[tuple[int, IndexArray]], IndexArray]:
-    """The regular ones of the first faces; the extraordinary ones up to a largest valence, valence by valence; and
-    the rest."""
-    own = kinds.kinds[:count]
-    extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
-    valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
-    small = valences <= largest
-    by_valence = [(n, extraordinary[valences == n]) for n in np.unique(valences[small]).tolist()]
-    rest = np.sort(np.concatenate([np.flatnonzero(own == PatchKind.IRREGULAR), extraordinary[~small]]))
-    return np.flatnonzero(own == PatchKind.REGULAR), by_valence, rest
+    mesh: PolygonMesh, faces: IndexArray, kinds: PatchKinds, largest: int | None = None
+) -> tuple[IndexArray, list[tuple[int, IndexArray, IndexArray]], BoolArray]:
+    """Which of the faces (n,) are regular, by index; valence by valence up to a largest one, by default
+    ``LARGEST_STENCIL_VALENCE``, which are extraordinary, and their extraordinary corners; and (n,) bool, the rest."""
+    largest = LARGEST_STENCIL_VALENCE if largest is None else largest
+    own, corners = kinds.kinds[faces], kinds.extraordinary_corners[faces]
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+    is_small = (own == PatchKind.EXTRAORDINARY) & (valences <= largest)
+    extraordinary = []
+    for valence in np.unique(valences[is_small]).tolist():
+        chosen = np.flatnonzero(is_small & (valences == valence))
+        extraordinary.append((valence, chosen, corners[chosen]))
+    return np.flatnonzero(own == PatchKind.REGULAR), extraordinary, ~is_small & (own != PatchKind.REGULAR)
