@@ -216,7 +216,7 @@ def test_temporary_copies_leave_no_keys(tmp_path: Path, operator: str, modifier:
         ("exchange.adaptive_mesh", "write_groups"),
         ("exchange.adaptive_mesh", "write_shape_keys"),
         ("exchange.adaptive_mesh", "_copy_animation"),
-        ("operators.place_results", "_place_beside"),
+        ("operators.place_results", "_copy_of"),
         ("state.mesh_values", "write_adaptive"),
         ("exchange.control_mesh", "mesh_arrays"),
     ],

@@ -80,7 +80,7 @@ def test_presets_of_ones_own_are_added_and_removed(tmp_path: Path, monkeypatch: 
     (tmp_path / "presets/ccdepth/tolerance/Broken.py").write_text("ccdepth.tolerance_mode = 'RELATIVE'")
     assert [*presets()] == ["my own", *SHIPPED, "Yours"]
     assert presets()["my own"].told(bpy.context.scene) == (
-        "Tolerance 0.0456 of the size, shading angle 7°, no facet angle, Reduce on"
+        "Tolerance 0.0456 of the size, shading angle 7°, no facet angle, Reduce on, the same everywhere"
     )
     set_scene(relative_tolerance=1.0, shading_angle=0.0, reduce=False)
     choose(presets()["my own"])
