@@ -262,6 +262,25 @@ def angles() -> None:
     save(sheet_of(ANGLES, rows, titles), MANUAL / "angles.jpg")
 
 
+def weights() -> None:
+    """Suzanne with one tolerance, and with weights that keep the tolerance for the face."""
+    columns = []
+    for by, what in (("NONE", "One tolerance"), ("VERTEX_GROUP", "Face at weight 1")):
+        suzanne = smooth(scene.add_suzanne)
+        group = suzanne.vertex_groups.new(name="Face")
+        for vertex in suzanne.data.vertices:
+            # From the ears to the eyes.
+            group.add([vertex.index], float(np.clip(-2 * vertex.co.y - 0.4, 0.0, 1.0)), "REPLACE")
+        bpy.ops.ccdepth.subdivide(
+            **{"tolerance": TOLERANCE / 2, "tolerance_mode": "RELATIVE", "output": "IN_PLACE", "shading_angle": 0.0},
+            **{"tolerance_by": by, "vertex_group": group.name, "coarsest": 10.0},
+        )
+        views = [glossy(SUZANNE, ANGLES.cell), drawn(bpy.context.object.data, SUZANNE, ANGLES.cell)]
+        columns.append((views, f"{what}: {count_of_faces()}"))
+    rows = [list(row) for row in zip(*(views for views, _ in columns), strict=True)]
+    save(sheet_of(ANGLES, rows, [[], [title for _, title in columns]]), MANUAL / "weights.jpg")
+
+
 def save(picture: Image.Image, path: Path) -> None:
     picture.save(path, quality=82, optimize=True, progressive=True)
 
@@ -283,6 +302,7 @@ def main() -> None:
     ccdepth_addon.register()
     level_and_adaptive()
     angles()
+    weights()
     icon().save(IMAGES / "icon.png", optimize=True)
     ccdepth_addon.unregister()
 
