@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Render the pictures of README, of the manual and of the extension's page: docs/images/before_and_after.jpg,
-featured.jpg and icon.png, ccdepth_addon/manual/angles.jpg.
+featured.jpg and icon.png, ccdepth_addon/manual/angles.jpg and weights.jpg.
 
 python scripts/pictures.py       with the bpy wheel and pillow
 """

@@ -107,7 +107,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         answer_of(tolerance_found(bpy.context, tasks, adaptive, options.faces))
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
-    if is_checked and action in (SUBDIVIDE, LODS) and settings.tolerance_by != "NONE":
+    if is_measured(options) and action != MEASURE and settings.tolerance_by != "NONE":
         raise CommandError("a report is about one tolerance, and --tolerance-by varies it: leave the report out")
     targets = surfaces_of(objects, levels_of(action)) if is_checked else []
     outcomes = ACTIONS[action](objects, settings_of(action))
@@ -274,20 +274,18 @@ def _written(path: Path, options: Namespace) -> Iterator[Path]:
 
 
 # The settings of each action, beside the tolerance.
-OF_DEPTHS = setting_names(properties.ToleranceProperties, properties.DepthProperties)
+OF_DEPTHS = setting_names(properties.ToleranceProperties, properties.VariationProperties, properties.DepthProperties)
+OF_RESULTS = (
+    properties.ToleranceProperties,
+    properties.VariationProperties,
+    properties.DivisionProperties,
+    properties.MakingProperties,
+)
 SETTINGS = {
     DEPTHS: OF_DEPTHS,
     LEVELS: OF_DEPTHS,
-    SUBDIVIDE: setting_names(
-        properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties
-    ),
-    LODS: setting_names(
-        properties.ToleranceProperties,
-        properties.DivisionProperties,
-        properties.MakingProperties,
-        properties.LevelProperties,
-        properties.ViewProperties,
-    ),
+    SUBDIVIDE: setting_names(*OF_RESULTS),
+    LODS: setting_names(*OF_RESULTS, properties.LevelProperties, properties.ViewProperties),
     MEASURE: setting_names(properties.ToleranceProperties, properties.MeasureProperties),
 }
 

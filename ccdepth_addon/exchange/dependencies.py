@@ -26,6 +26,7 @@ from .modifiers import (
     simplified_levels,
     surface_rule,
 )
+from .tolerance_factors import factors_text
 
 # No settings of modifiers are nested deeper.
 DEEPEST = 5
@@ -56,9 +57,11 @@ class ObjectState:
     frame: int | None = None
 
 
-def object_state(blender_object: bpy.types.Object, *, use_modifiers: bool, with_vertices: bool = False) -> ObjectState:
+def object_state(
+    blender_object: bpy.types.Object, *, use_modifiers: bool, with_vertices: bool = False, varied: Any = None
+) -> ObjectState:
     """The present state of an object. with_vertices: whether the vertices of the object's own Subdivision Surface
-    modifier matter."""
+    modifier matter; varied: the settings by which the tolerance varies, if that matters."""
     world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
     counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     rule = surface_rule(blender_object)
@@ -67,6 +70,8 @@ def object_state(blender_object: bpy.types.Object, *, use_modifiers: bool, with_
         texts += _crease_groups(blender_object)
     if with_vertices:
         texts.append(shown_vertices(blender_object, OF_OBJECT))
+    if varied is not None and varied.tolerance_by != "NONE":
+        texts.append(factors_text(blender_object, varied))
     return ObjectState(gram_matrix(world)[np.triu_indices(3)], _checksum(blender_object, counted, texts))
 
 

@@ -33,7 +33,9 @@ class Made:
     notes: list[str]
 
 
-class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):
+class AdaptiveOperator(
+    properties.VariationProperties, properties.DivisionProperties, properties.FaceLimitProperties, LongOperator
+):
     """An operator that makes adaptive meshes or counts their faces."""
 
     def know(

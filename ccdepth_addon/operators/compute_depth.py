@@ -7,20 +7,19 @@ from typing import Any
 
 import bpy
 
-from ..core import needed_quality
 from ..exchange.modifiers import subdivision_modifier
 from ..state import heat_map, out_of_date, properties
 from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
-from ..tasks.surfaces import Surface
+from ..tasks.pose_groups import DepthRequest
 from ..ui.lengths import count_text, printable
 from .mesh_operators import LongOperator, Steps, Work
 from .refusals import refuse_what_cannot_be_written, still_there
 
 
-class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
+class CCDEPTH_OT_compute(properties.VariationProperties, properties.DepthProperties, LongOperator):
     """Compute how many Catmull-Clark levels each face needs to be within the tolerance of the limit surface. Depths
     are about distance alone, not about the angles of shading and facets"""
 
@@ -90,10 +89,10 @@ def _modifier_notes(answer: MeshDepths) -> list[str]:
 def _quality_notes(answer: MeshDepths) -> list[str]:
     """The Subdivision Surface modifiers with a Quality too low for Use Limit Surface at their levels."""
     notes = []
-    surfaces: dict[int, list[Surface]] = {}
+    requests: dict[int, list[DepthRequest]] = {}
     for request in answer.task.requests:
-        surfaces.setdefault(request.surface.holder.uid, []).append(request.surface)
-    any_surfaces = answer.task.groups[0].requests[0].surface.holder.uid
+        requests.setdefault(request.surface.holder.uid, []).append(request)
+    any_uid = answer.task.groups[0].requests[0].surface.holder.uid
     most = bpy.types.SubsurfModifier.bl_rna.properties["quality"].hard_max
     needed_at: dict[tuple[int, int], int] = {}
     for each in still_there(answer.task.holders):
@@ -101,12 +100,11 @@ def _quality_notes(answer: MeshDepths) -> list[str]:
         if modifier is None or not modifier.use_limit_surface or modifier.quality == most:
             continue
         # Objects without a surface of their own have the same control mesh as another one.
-        alike = each.session_uid if each.session_uid in surfaces else any_surfaces
+        alike = each.session_uid if each.session_uid in requests else any_uid
         level = max(modifier.levels, modifier.render_levels)
         key = (alike, level)
         if key not in needed_at:
-            qualities = (needed_quality(one.control.in_world, level, one.tolerance) for one in surfaces[alike])
-            needed_at[key] = min(max(qualities), most)
+            needed_at[key] = min(max(one.limit_quality(level) for one in requests[alike]), most)
         if modifier.quality < needed_at[key]:
             notes.append(
                 f"{each.name}: at its {count_text(level, 'level', 'levels')}, Use Limit Surface needs a Quality of "

@@ -30,8 +30,9 @@ from ..exchange.face_values import (
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
-from ..tasks.surfaces import SurfaceSettings, naming
+from ..tasks.surfaces import SurfaceSettings, VariedSettings, naming
 from ..tasks.views import seen_from
+from .properties import VariationProperties
 
 # The fields of the record about angles.
 ANGLE_FIELDS = ("shading_angle", "facet_angle", "largest_shading_angle", "largest_facet_angle", "narrow_leaves")
@@ -173,7 +174,7 @@ def forget_angles(mesh: bpy.types.Mesh) -> None:
 
 
 def _new_record(
-    mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: SurfaceSettings, world_tolerance: float
+    mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: VariedSettings, world_tolerance: float
 ) -> bpy.types.PropertyGroup:
     """The mesh's record, with the fields that all results share."""
     record = mesh.ccdepth
@@ -185,6 +186,8 @@ def _new_record(
     forget_angles(mesh)
     record.shows_deviation = False
     _write_inputs(record, settings, world_tolerance, len(depths))
+    for name in VariationProperties.__annotations__:
+        setattr(record, name, getattr(settings, name))
     record.deepest = int(depths.max(initial=0))
     record.rows.clear()
     counts = np.bincount(depths)

@@ -233,6 +233,23 @@ class ToleranceProperties:
     )
 
 
+class VariationProperties:
+    """Settings by which the tolerance of depths and results varies."""
+
+    tolerance_by: EnumProperty(name="Vary by", description="What the tolerance depends on", items=TOLERANCE_BY_ITEMS)
+    vertex_group: StringProperty(
+        name="Vertex Group", description="The name of the vertex group of each object whose weights vary the tolerance"
+    )
+    # Without a hard minimum, so that a bad one can be refused with a report.
+    coarsest: FloatProperty(
+        name="Coarsest",
+        description="How many times the tolerance is allowed where the weight is 0",
+        default=10.0,
+        soft_min=1.0,
+        soft_max=100.0,
+    )
+
+
 class DepthProperties:
     """Settings of Compute Depth."""
 
@@ -295,20 +312,6 @@ class DivisionProperties:
         step=100,
         precision=3,
         subtype="ANGLE",
-    )
-    tolerance_by: EnumProperty(
-        name="Vary by", description="What the tolerance of a result depends on", items=TOLERANCE_BY_ITEMS
-    )
-    vertex_group: StringProperty(
-        name="Vertex Group", description="The name of the vertex group of each object whose weights vary the tolerance"
-    )
-    # Without a hard minimum, so that a bad one can be refused with a report.
-    coarsest: FloatProperty(
-        name="Coarsest",
-        description="How many times the tolerance is allowed where the weight is 0",
-        default=10.0,
-        soft_min=1.0,
-        soft_max=100.0,
     )
 
 
@@ -444,8 +447,8 @@ class MeasureProperties:
 
 
 GROUPS = (
-    *(ToleranceProperties, DepthProperties, DivisionProperties, FaceLimitProperties, MakingProperties),
-    *(OutputProperties, LevelProperties, ViewProperties, BudgetProperties, MeasureProperties),
+    *(ToleranceProperties, VariationProperties, DepthProperties, DivisionProperties, FaceLimitProperties),
+    *(MakingProperties, OutputProperties, LevelProperties, ViewProperties, BudgetProperties, MeasureProperties),
 )
 
 

@@ -14,6 +14,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from . import properties
 from .result_record import AppliedModifier, ResultRecord, SourceMaterial
 from .settings import SceneSettings
 
@@ -87,7 +88,7 @@ class MaterialSettings(bpy.types.PropertyGroup):
     )
 
 
-class MeshRecord(Inputs, bpy.types.PropertyGroup):
+class MeshRecord(Inputs, properties.VariationProperties, bpy.types.PropertyGroup):
     """The outcomes on this mesh, and their inputs.
 
     On an adaptive mesh ``subdivision`` is set, and the depth of a face is the depth of its base face.

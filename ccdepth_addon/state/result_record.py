@@ -33,7 +33,11 @@ class SourceMaterial(bpy.types.PropertyGroup):
 
 
 class ResultRecord(
-    properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties, bpy.types.PropertyGroup
+    properties.ToleranceProperties,
+    properties.VariationProperties,
+    properties.DivisionProperties,
+    properties.MakingProperties,
+    bpy.types.PropertyGroup,
 ):
     """The source and the settings of a result; and of any object, the object it was measured against."""
 

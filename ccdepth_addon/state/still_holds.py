@@ -98,8 +98,11 @@ def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> Examinat
     contributors = list(_contributors(record))
     if record.frames and not contributors:
         return Examination(not (users and _is_same_mesh(mesh, users[0])), [])
+    # A result's own weights and materials change no tolerance.
+    varied = None if record.subdivision else record
     states = [
-        object_state(user, use_modifiers=record.use_modifiers, with_vertices=record.follows_objects) for user in users
+        object_state(user, use_modifiers=record.use_modifiers, with_vertices=record.follows_objects, varied=varied)
+        for user in users
     ]
     present = [(state.checksum, state.scale) for state in states]
     recorded = [(each.checksum, np.array(each.gram, dtype=np.float64)) for each in contributors]

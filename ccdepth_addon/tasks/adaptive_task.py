@@ -41,15 +41,12 @@ from ..exchange.custom_normals import smooth_faces
 from ..exchange.data_blocks import Identity
 from ..exchange.evaluated import Evaluated, in_batches
 from ..exchange.modifiers import counted_modifiers, subdivision_modifier
-from ..exchange.tolerance_factors import factors_of_group, factors_of_materials
 from .surfaces import (
     LARGEST_TOLERANCE,
-    ComputeError,
     Faults,
     Surface,
-    SurfaceSettings,
+    VariedSettings,
     refuse_bad_angles,
-    refuse_bad_tolerance,
     shortest_decimal,
     surfaces_covering_others,
 )
@@ -87,18 +84,14 @@ FINEST = Level()
 
 
 @dataclass(frozen=True)
-class AdaptiveSettings(SurfaceSettings):
+class AdaptiveSettings(VariedSettings):
     """The settings of Apply Adaptive Subdivision; ``max_faces`` is for all results together, angles are in radians, 0
-    for none. tolerance_by: NONE, VERTEX_GROUP with the name of a vertex group and the factor coarsest for a weight of
-    0, or MATERIAL."""
+    for none."""
 
     mode: str
     max_faces: int
     shading_angle: float = 0.0
     facet_angle: float = 0.0
-    tolerance_by: str = "NONE"
-    vertex_group: str = ""
-    coarsest: float = 10.0
 
     def with_angles_times(self, factor: float) -> AdaptiveSettings:
         """The settings with angles times a factor, but less than a right angle."""
@@ -180,8 +173,7 @@ class AdaptiveTask:
     @property
     def least_factor(self) -> float:
         """The least factor on the tolerance anywhere."""
-        factors = None if self.variation is None else self.variation.factors
-        return 1.0 if factors is None else float(factors.min())
+        return 1.0 if self.variation is None else self.variation.least_factor
 
     @property
     def least_tolerance(self) -> float:
@@ -237,10 +229,8 @@ def prepare_adaptive(
     tolerance holds in the place of its user. Yields the stage, and returns the tasks. Raises ComputeError, naming every
     object at fault.
     """
-    refuse_bad_tolerance(settings.tolerance)
+    settings.refuse_bad_numbers()
     refuse_bad_angles(settings.shading_angle, settings.facet_angle)
-    if not 1 <= settings.coarsest < LARGEST_TOLERANCE:
-        raise ComputeError("Coarsest must be 1 or more")
     users_of: dict[bpy.types.Object, list[bpy.types.Object]] = {}
     for blender_object, user in zip(objects, users or objects, strict=True):
         users_of.setdefault(blender_object, []).append(user)
@@ -290,18 +280,11 @@ def _read_tasks(
     base = base_mesh(blender_object, copies, use_modifiers=settings.use_modifiers)
     steps = _mixing_steps(base.shape_keys)
     largest = _largest_coordinates(control, base.shape_keys)
-    is_smooth, variation = smooth_faces(base), _variation(blender_object, base, settings)
+    variation = settings.variation(blender_object, base, is_own=base == blender_object.data)
+    is_smooth = smooth_faces(base)
     return [
         _task(blender_object, user, control, settings, views, largest, steps, is_smooth, variation) for user in users
     ]
-
-
-def _variation(blender_object: bpy.types.Object, base: bpy.types.Mesh, settings: AdaptiveSettings) -> Variation | None:
-    """The variation of the tolerance over the control mesh of an object; None for the same everywhere. Raises
-    ControlMeshError."""
-    if settings.tolerance_by == "VERTEX_GROUP":
-        return Variation(factors_of_group(base, settings.vertex_group, settings.coarsest))
-    return Variation(factors_of_materials(blender_object, base)) if settings.tolerance_by == "MATERIAL" else None
 
 
 def _task(

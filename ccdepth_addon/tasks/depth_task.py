@@ -21,6 +21,7 @@ from ..core import (
     FloatArray,
     PoseDepths,
     Progress,
+    Variation,
     check_input,
     check_pose,
     common_level,
@@ -32,12 +33,12 @@ from ..core import (
 from ..exchange.control_mesh import ControlMeshError, SharedMeshes, counted_copies, read_with_origins
 from ..exchange.data_blocks import Identity
 from ..exchange.dependencies import ObjectState, object_state
-from ..exchange.evaluated import in_batches
+from ..exchange.evaluated import Evaluated, in_batches
 from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
-from ..exchange.modifiers import OF_OBJECT, shown_vertices
+from ..exchange.modifiers import OF_OBJECT, counted_modifiers, is_evaluated, shown_vertices
 from .frames import frame_restored, typed_frames
 from .pose_groups import DepthRequest, PoseGroup, pose_groups
-from .surfaces import Faults, SurfaceSettings, refuse_bad_tolerance
+from .surfaces import Faults, VariedSettings
 from .views import read_views, surface_of
 
 # The part of the time for depths; the rest is for the level that holds for all faces. Measured: depths take 40 s and
@@ -48,7 +49,7 @@ Part = TypeVar("Part", "MeshTask", PoseGroup)
 
 
 @dataclass(frozen=True)
-class DepthSettings(SurfaceSettings):
+class DepthSettings(VariedSettings):
     """The settings of Compute Depth. vertices: CONTROL, LIMIT or OF_OBJECT. frames: as typed; empty for the present
     scene. effort: a name of ``Effort``."""
 
@@ -118,7 +119,7 @@ class DepthWork:
                 for number, request in enumerate(group.requests):
                     check = check_pose if number else check_input
                     with self.faults.of(request.surface.holder.uid, request.frame):
-                        check(request.surface.control.in_world, request.surface.tolerance)
+                        check(request.surface.control.in_world, request.surface.tolerance, request.variation)
         self.faults.refuse()
 
 
@@ -165,7 +166,7 @@ def prepare_depths(
     context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: DepthSettings
 ) -> Generator[str, None, DepthWork]:
     """Read the objects' meshes: yields the stage, and returns the work to do. Raises ComputeError."""
-    refuse_bad_tolerance(settings.tolerance)
+    settings.refuse_bad_numbers()
     work = DepthWork(settings, Faults(objects))
     if not settings.frames:
         yield from _read_objects(context, objects, work, None)
@@ -210,13 +211,25 @@ def _read_objects(
                         control = control.with_known_arrays(work.arrays)
                     task = _task_of(each, work)
                     surface = surface_of(each, control, settings, views)
-                    task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
+                    vertices, variation = shown_vertices(each, settings.vertices), _variation(each, copies, settings)
+                    task.read.append(DepthRequest(surface, vertices, frame, variation))
                     task.states.append(_state(each, settings, frame))
+
+
+def _variation(blender_object: bpy.types.Object, copies: Evaluated, settings: DepthSettings) -> Variation | None:
+    """The variation of the tolerance over an object's control mesh (``read``). Raises ControlMeshError."""
+    if is_evaluated(blender_object, counted_modifiers(blender_object, use_modifiers=settings.use_modifiers)):
+        return settings.variation(blender_object, copies.made(blender_object)[0], is_own=False)
+    with own_mesh(blender_object) as own:
+        return settings.variation(blender_object, own, is_own=True)
 
 
 def _state(blender_object: bpy.types.Object, settings: DepthSettings, frame: int | None) -> ObjectState:
     """The part of an object's state on a frame on which its depths by these settings depend."""
-    state = object_state(blender_object, use_modifiers=settings.use_modifiers, with_vertices=settings.follows_objects)
+    with_vertices = settings.follows_objects
+    state = object_state(
+        blender_object, use_modifiers=settings.use_modifiers, with_vertices=with_vertices, varied=settings
+    )
     return replace(state, frame=frame)
 
 

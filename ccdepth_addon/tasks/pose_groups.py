@@ -10,7 +10,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import BoolArray, IndexArray, PolygonMesh, Pose, PoseDepths, Progress, needed_quality, raised_depths
+from ..core import (
+    BoolArray,
+    IndexArray,
+    PolygonMesh,
+    Pose,
+    PoseDepths,
+    Progress,
+    Variation,
+    needed_quality,
+    raised_depths,
+)
 from ..exchange.control_mesh import ControlMesh
 from ..exchange.evaluated import NO_ORIGIN
 from .surfaces import Surface, surfaces_covering_others
@@ -19,6 +29,7 @@ from .surfaces import Surface, surfaces_covering_others
 @dataclass(frozen=True)
 class DepthRequest:
     """A surface with wanted depths, and vertices CONTROL or LIMIT. frame: the frame of reading; None without frames.
+    variation: of the tolerance; None for the same everywhere.
 
     stretch: the ratio of the longest tolerance among the dominated surfaces to its own; their distances may be longer
     by this factor.
@@ -27,13 +38,17 @@ class DepthRequest:
     surface: Surface
     vertices: str
     frame: int | None
+    variation: Variation | None = None
     stretch: float = 1.0
 
     def quality(self, level: int) -> int:
         """The Quality that Use Limit Surface needs at a level, 0 for control vertices."""
-        if self.vertices != "LIMIT":
-            return 0
-        return needed_quality(self.surface.control.in_world, level, self.surface.tolerance)
+        return self.limit_quality(level) if self.vertices == "LIMIT" else 0
+
+    def limit_quality(self, level: int) -> int:
+        """The Quality needed to show the limit surface at a level."""
+        least = 1.0 if self.variation is None else self.variation.least_factor
+        return needed_quality(self.surface.control.in_world, level, least * self.surface.tolerance)
 
 
 @dataclass(frozen=True)
@@ -65,7 +80,9 @@ class PoseGroup:
     @property
     def poses(self) -> tuple[list[Pose], str, str]:
         """The poses, the method and the vertices, as the core takes them."""
-        poses = [Pose(self._maker(each.surface.control), each.surface.tolerance) for each in self.requests]
+        poses = [
+            Pose(self._maker(each.surface.control), each.surface.tolerance, each.variation) for each in self.requests
+        ]
         return poses, self.method, self.requests[0].vertices
 
     def _maker(self, control: ControlMesh) -> Callable[[], PolygonMesh]:
@@ -91,19 +108,24 @@ def pose_groups(requests: list[DepthRequest], method: str) -> Iterator[PoseGroup
 def _kept(requests: list[DepthRequest]) -> list[DepthRequest]:
     """The requests of one mesh that no other dominates.
 
-    A dominated surface has the same control mesh and kind of vertices, and every vector of it is at most as long, in
-    units of the tolerance: its distances are no larger, and neither are its depths.
+    A dominated surface has the same control mesh, factors and kind of vertices, and every vector of it is at most as
+    long, in units of the tolerance: its distances are no larger, and neither are its depths.
     """
     if len(requests) < 2:
         return requests
     kept = []
-    for group in _grouped(requests, lambda request: (request.vertices, request.surface.control.key)):
+    for group in _grouped(requests, lambda each: (each.vertices, each.surface.control.key, _factors(each))):
         for own, others in surfaces_covering_others([each.surface for each in group]).items():
             tolerance = group[own].surface.tolerance
             longest = max([tolerance, *(group[place].surface.tolerance for place in others)])
             # Without extent there is none, which is refused later.
             kept.append(replace(group[own], stretch=longest / tolerance if tolerance > 0 else 1.0))
     return kept
+
+
+def _factors(request: DepthRequest) -> bytes | None:
+    factors = None if request.variation is None else request.variation.factors
+    return None if factors is None else factors.tobytes()
 
 
 def _grouped(requests: list[DepthRequest], kind: Callable[[DepthRequest], Hashable]) -> Iterable[list[DepthRequest]]:

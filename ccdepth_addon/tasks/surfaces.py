@@ -12,10 +12,11 @@ from typing import Any, Self
 import bpy
 import numpy as np
 
-from ..core import FloatArray, InvalidMeshError, ToleranceError
+from ..core import FloatArray, InvalidMeshError, ToleranceError, Variation
 from ..exchange.blender_arrays import WriteError
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 from ..exchange.data_blocks import Identity
+from ..exchange.tolerance_factors import corner_factors
 
 # Relative slack for rounding when one object's scale is compared with another's.
 SCALE_ROUNDING = 1e-9
@@ -61,6 +62,28 @@ class SurfaceSettings:
         as typed."""
         names = [each.name for each in fields(cls) if each.name not in {"tolerance", *others}]
         return cls(shortest_decimal(tolerance), **typed_values(holder, names), **others)
+
+
+@dataclass(frozen=True)
+class VariedSettings(SurfaceSettings):
+    """The settings of computations with a tolerance that may vary. tolerance_by: NONE, VERTEX_GROUP with the name of a
+    vertex group and the factor coarsest for a weight of 0, or MATERIAL."""
+
+    tolerance_by: str = field(default="NONE", kw_only=True)
+    vertex_group: str = field(default="", kw_only=True)
+    coarsest: float = field(default=10.0, kw_only=True)
+
+    def variation(self, holder: bpy.types.Object, mesh: bpy.types.Mesh, *, is_own: bool) -> Variation | None:
+        """The variation of the tolerance over a control mesh, as of ``corner_factors``; None for the same
+        everywhere. Raises ControlMeshError."""
+        factors = corner_factors(holder, mesh, self, is_own=is_own)
+        return None if factors is None else Variation(factors)
+
+    def refuse_bad_numbers(self) -> None:
+        """Raise ComputeError for a tolerance or a coarsest factor without meaning."""
+        refuse_bad_tolerance(self.tolerance)
+        if not 1 <= self.coarsest < LARGEST_TOLERANCE:
+            raise ComputeError("Coarsest must be 1 or more")
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def facts_of(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fa
 
 def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
     facts = [_deepest([record]), Fact("Tolerance", length_text(scene, record.world_tolerance), ALLOWED, is_detail=True)]
-    facts += _seen_from(record)
+    facts += [*_seen_from(record), *_varied_by(record)]
     if record.frames:
         meaning = "The computed frames: each face has its deepest depth"
         facts.insert(1, Fact("Frames", record.frames, meaning))
@@ -103,6 +103,13 @@ def _seen_from(record: bpy.types.PropertyGroup) -> list[Fact]:
     meaning = "The camera that sees the tolerance as this many pixels, and its frames"
     text = f"{record.tolerance:.3g} px of {record.seen_from}"
     return [Fact("Seen From", text, meaning)] if record.seen_from else []
+
+
+def _varied_by(record: bpy.types.PropertyGroup) -> list[Fact]:
+    """What the tolerance of depths varies by."""
+    texts = {"VERTEX_GROUP": f"{record.vertex_group}, up to {record.coarsest:.3g} times", "MATERIAL": "Materials"}
+    meaning = "What the tolerance varies by: every face is within its own tolerance"
+    return [Fact("Vary by", texts[record.tolerance_by], meaning)] if record.tolerance_by in texts else []
 
 
 def _deepest(records: Sequence[bpy.types.PropertyGroup]) -> Fact:

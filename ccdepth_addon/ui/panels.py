@@ -22,7 +22,7 @@ from .lengths import count_text
 from .manual import draw_manual_button
 from .sidebar import NAME_PART, SidebarPanel, draw_alert, draw_button, settings_column
 from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
-from .variation import draw_tolerance
+from .variation import draw_tolerance, draw_variation
 
 SWATCH_SIZE = 16
 
@@ -112,7 +112,7 @@ class CCDEPTH_PT_analyse(SidebarPanel, bpy.types.Panel):
 
 
 class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
-    """Settings of Compute Depth alone."""
+    """Further settings of Compute Depth."""
 
     bl_label = "Advanced"
     bl_parent_id = "CCDEPTH_PT_analyse"
@@ -125,6 +125,7 @@ class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
         effort = column.row()
         effort.active = settings.method == "DISTANCE"
         effort.prop(settings, "effort")
+        draw_variation(column, context)
         column.prop(settings, "frames")
         if settings.frames == "CUSTOM":
             column.prop(settings, "frame_list", text="")

@@ -22,7 +22,7 @@ def draw_tolerance(column: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
 
 
 def draw_variation(column: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """What the tolerance of results varies by, for the active object."""
+    """What the tolerance of depths and results varies by, for the active object."""
     settings, active = context.scene.ccdepth, context.active_object
     column.prop(settings, "tolerance_by")
     if settings.tolerance_by == "VERTEX_GROUP":

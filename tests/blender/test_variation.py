@@ -14,7 +14,7 @@ from mathutils.bvhtree import BVHTree
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.runs import run, save
-from tests.blender.subdividing import faces, known_count, refused, subdivide
+from tests.blender.subdividing import faces, known_count, refused, refuses, subdivide
 
 TOLERANCE, COARSEST = 0.002, 10.0
 
@@ -132,6 +132,91 @@ def test_counts_searches_and_updates_vary_as_well() -> None:
     assert result.data.ccdepth.largest_ratio == 0
 
 
+def test_a_set_level_is_within_the_tolerance_of_every_sample() -> None:
+    holder, settings = painted(front), bpy.context.scene.ccdepth
+    finest = painted(lambda positions: np.ones(len(positions)))
+    settings.method = "CERTIFIED"
+    modifier = scene.add_subdivision(holder, 1)
+    modifier.use_limit_surface = True
+    for each in (holder, finest):
+        addon.compute(each, **by_group(tolerance_mode="ABSOLUTE"))
+    assert addon.facts(holder)["Vary by"] == "Detail, up to 10 times"
+    assert np.all(addon.depths(holder) <= addon.depths(finest))
+    assert addon.depths(holder).sum() < 0.8 * addon.depths(finest).sum()
+    addon.select(holder)
+    assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+    assert modifier.levels == holder.data.ccdepth.uniform_level <= finest.data.ccdepth.uniform_level
+    evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+    drawn = scene.mesh_data(evaluated).positions
+    tree = BVHTree.FromPolygons(drawn.tolist(), scene.triangles_of(evaluated).tolist())
+    holder.modifiers.remove(modifier)
+    positions, _, weights = deep_level(holder)
+    distances = np.array([tree.find_nearest(Vector(each))[3] for each in positions])
+    assert np.all(distances <= TOLERANCE * COARSEST ** (1 - weights) * (1 + 1e-5))
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.5, 1.0])
+def test_depths_of_equal_weights_are_those_of_one_tolerance(weight: float) -> None:
+    holder = painted(lambda positions: np.full(len(positions), weight))
+    holder.modifiers.new("Array", "ARRAY").count = 2
+    addon.compute(holder, **by_group(tolerance_mode="ABSOLUTE"))
+    found = addon.depths(holder), holder.data.ccdepth.uniform_level
+    tolerance = TOLERANCE * COARSEST ** (1 - weight)
+    addon.compute(holder, tolerance=tolerance, tolerance_mode="ABSOLUTE")
+    assert np.array_equal(addon.depths(holder), found[0])
+    assert holder.data.ccdepth.uniform_level == found[1]
+
+
+def test_objects_of_one_mesh_have_the_depths_of_the_finer_material() -> None:
+    first = scene.add_object(meshes.landscape(6, 6))
+    for name, factor in (("Fine", 1.0), ("Coarse", 20.0)):
+        bpy.data.materials.new(name).ccdepth.tolerance_factor = factor
+    first.data.materials.append(bpy.data.materials["Coarse"])
+    second = scene.add_mesh(first.data)
+    settings = {"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE"}
+    addon.compute(first, second, **settings, tolerance_by="MATERIAL")
+    coarse = addon.depths(first)
+    second.material_slots[0].link = "OBJECT"
+    second.material_slots[0].material = bpy.data.materials["Fine"]
+    addon.compute(first, second, **settings, tolerance_by="MATERIAL")
+    both = addon.depths(first)
+    addon.compute(first, second, **settings)
+    assert np.array_equal(both, addon.depths(first))
+    assert both.sum() > coarse.sum()
+    # In Edit Mode as well.
+    addon.select(second, mode="EDIT")
+    bpy.ops.ccdepth.compute(**settings, tolerance_by="MATERIAL")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert np.array_equal(both, addon.depths(first))
+
+
+def test_depths_of_other_weights_or_factors_are_out_of_date() -> None:
+    holder = painted(front)
+    material = bpy.data.materials.new("Skin")
+    holder.data.materials.append(material)
+
+    def are_stale() -> bool:
+        return bool(addon.module("state.out_of_date").out_of_date(bpy.context, [holder]))
+
+    for settings in (by_group(), {"tolerance": TOLERANCE, "tolerance_by": "MATERIAL"}):
+        addon.compute(holder, method="CERTIFIED", **settings)
+        assert not are_stale()
+        holder.vertex_groups["Other"].add([0], 0.5, "REPLACE")
+        holder.vertex_groups["Detail"].add([0], 0.123, "REPLACE")
+        assert are_stale() == (settings["tolerance_by"] == "VERTEX_GROUP")
+        material.ccdepth.tolerance_factor *= 2
+        assert are_stale()
+        addon.compute(holder, method="CERTIFIED", tolerance=TOLERANCE)
+        holder.vertex_groups["Detail"].add([0], 0.7, "REPLACE")
+        assert not are_stale()
+
+
+def test_depths_refuse_what_results_refuse() -> None:
+    holder = painted(front)
+    refuses("compute", "it has no vertex group called “Nothing”", holder, **by_group(vertex_group="Nothing"))
+    refuses("compute", "Coarsest must be 1 or more", holder, **by_group(coarsest=0.5))
+
+
 def test_groups_of_included_modifiers_count() -> None:
     holder = painted(front)
     holder.modifiers.new("Array", "ARRAY").count = 2
@@ -166,3 +251,8 @@ def test_the_command_line_varies_the_tolerance(tmp_path: Path) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(output))
     assert any(mesh.ccdepth.largest_ratio > 0 for mesh in bpy.data.meshes)
     assert run(source, *arguments, "--overwrite", "--json", tmp_path / "report.json") == 1
+    arguments.remove("--subdivide")
+    assert run(source, *arguments, "--levels", "--method", "certified", "--overwrite") == 0
+    bpy.ops.wm.open_mainfile(filepath=str(output))
+    assert any(mesh.ccdepth.tolerance_by == "VERTEX_GROUP" for mesh in bpy.data.meshes)
+    assert run(source, *arguments[:-2], "--json", tmp_path / "report.json") == 1

@@ -33,6 +33,11 @@ class Variation:
     views: tuple[View, ...] = ()
     off_screen: float = 4.0
 
+    @property
+    def least_factor(self) -> float:
+        """The least factor on the tolerance anywhere."""
+        return 1.0 if self.factors is None else float(self.factors.min(initial=np.inf))
+
     def of_faces(self, mesh: PolygonMesh, tolerance: float) -> FloatArray:
         """(F,): the tolerances of whole faces, the least over each face."""
         factors = np.ones(mesh.face_count)
