@@ -171,6 +171,8 @@ def _add_actions(parser: Parser) -> None:
     for name, default in (("shading", 5), ("facet", 0)):
         text = f"largest {name} angle in degrees, 0 for no limit; {default} unless a .blend file says otherwise"
         add(f"--{name}-angle", type=angle, metavar="DEGREES", help=text)
+    text = "largest length of an edge in the scene, 0 for no limit; 0 unless a .blend file says otherwise"
+    add("--longest-edge", type=number_from("of 0 or more", 0.0), metavar="LENGTH", help=text)
     add(
         "--tolerance-by",
         type=_name,

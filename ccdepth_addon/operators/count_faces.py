@@ -95,7 +95,7 @@ def tolerance_found(
     work = partial(best_tolerance, tasks, settings, face_budget)
     fit: Fit | None = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, counted)
     if fit is None:
-        raise ComputeError(f"Even undivided there would be more than {face_budget:,} faces")
+        raise ComputeError(f"With any tolerance there would be more than {face_budget:,} faces")
     holder = context.scene.ccdepth
     holder.tolerance_mode = settings.tolerance_mode
     properties.set_scene_tolerance(holder, fit.tolerance)

@@ -290,7 +290,7 @@ class DivisionProperties:
     mode: EnumProperty(
         name="Division", description="How the faces are divided", items=SUBDIVISION_MODES, default="ADAPTIVE"
     )
-    # Angles without a hard minimum, so that a bad one can be refused with a report.
+    # Without a hard minimum, so that a bad one can be refused with a report.
     shading_angle: FloatProperty(
         name="Shading Angle",
         description="Largest angle allowed between the normals that smooth faces are shaded with and the normals of "
@@ -312,6 +312,16 @@ class DivisionProperties:
         step=100,
         precision=3,
         subtype="ANGLE",
+    )
+    longest_edge: FloatProperty(
+        name="Longest Edge",
+        description="Largest length allowed of an edge of the result, a distance in the scene. 0 for no limit",
+        default=0.0,
+        soft_min=0.0,
+        soft_max=10.0,
+        step=1,
+        precision=4,
+        subtype="DISTANCE",
     )
 
 

@@ -228,6 +228,8 @@ def too_many_text(tasks: list[AdaptiveTask], count: FaceCount, settings: Adaptiv
         return f"{text}; no tolerance would fit"
     if count.fitting is not None:
         return f"{text}; {_angles_text(count.fitting)} would fit, and Find Tolerance finds a tolerance that fits"
+    if settings.longest_edge:
+        return f"{text}; a greater Longest Edge makes fewer"
     if count.by_distance is not None:
         text = f"{text}, while the distance alone needs about {count.by_distance:,}"
     return f"{text}; Find Tolerance finds one that fits"

@@ -43,6 +43,7 @@ from ..exchange.evaluated import Evaluated, in_batches
 from ..exchange.modifiers import counted_modifiers, subdivision_modifier
 from .surfaces import (
     LARGEST_TOLERANCE,
+    ComputeError,
     Faults,
     Surface,
     VariedSettings,
@@ -85,13 +86,14 @@ FINEST = Level()
 
 @dataclass(frozen=True)
 class AdaptiveSettings(VariedSettings):
-    """The settings of Apply Adaptive Subdivision; ``max_faces`` is for all results together, angles are in radians, 0
-    for none."""
+    """The settings of Apply Adaptive Subdivision; ``max_faces`` is for all results together, angles are in radians, and
+    longest_edge is a length in the scene, 0 for none."""
 
     mode: str
     max_faces: int
     shading_angle: float = 0.0
     facet_angle: float = 0.0
+    longest_edge: float = 0.0
 
     def with_angles_times(self, factor: float) -> AdaptiveSettings:
         """The settings with angles times a factor, but less than a right angle."""
@@ -180,6 +182,18 @@ class AdaptiveTask:
         """The least tolerance accepted, a length in the scene."""
         return max(smallest_step(self.surface.control.in_world), 2 * self.allowance) / self.least_factor
 
+    def longest_edge(self, settings: AdaptiveSettings) -> float:
+        """The longest edge where the mesh is made, that its edges are short enough for all of its objects: a length in
+        the scene; 0 for any."""
+        if not settings.longest_edge:
+            return 0.0
+        # In an object that is dominated, vectors are no longer, in parts of its tolerance.
+        shortest = settings.longest_edge * self.surface.tolerance / max(each.tolerance for each in self.targets)
+        rest = shortest - 2 * self.stored
+        if rest <= 0:
+            raise ComputeError(f"{self.object_names[0]}: the Longest Edge is finer than the mesh's single precision")
+        return rest
+
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
         # Where the tolerance varies, the rounding is subtracted from each.
         subtracted = self.allowance if self.variation is None else 0.0
@@ -194,6 +208,7 @@ class AdaptiveTask:
             facets=settings.facet_angle,
             is_smooth=self.is_smooth,
             stored=self.stored,
+            longest_edge=self.longest_edge(settings),
             rounding=self.allowance - subtracted,
             variation=self.variation,
         )
@@ -231,6 +246,8 @@ def prepare_adaptive(
     """
     settings.refuse_bad_numbers()
     refuse_bad_angles(settings.shading_angle, settings.facet_angle)
+    if not 0 <= settings.longest_edge < LARGEST_TOLERANCE:
+        raise ComputeError("The Longest Edge must be 0 or more")
     users_of: dict[bpy.types.Object, list[bpy.types.Object]] = {}
     for blender_object, user in zip(objects, users or objects, strict=True):
         users_of.setdefault(blender_object, []).append(user)

@@ -39,6 +39,7 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             column.prop(settings, "output")
         column.prop(settings, "shading_angle")
         column.prop(settings, "facet_angle")
+        column.prop(settings, "longest_edge")
         draw_variation(column, context)
         column.prop(settings, "reduce")
         _draw_keys_line(column, context)

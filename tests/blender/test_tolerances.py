@@ -332,7 +332,7 @@ def test_a_flat_mesh_gets_the_least_tolerance_that_is_taken() -> None:
 
 
 def test_too_few_faces_are_refused() -> None:
-    message = "Even undivided there would be more than 100 faces"
+    message = "With any tolerance there would be more than 100 faces"
     refuses("find_tolerance", message, scene.add_suzanne(), face_budget=100)
     refuses("find_tolerance", "The Face Limit is 500; raise it first", face_budget=1000, max_faces=500)
     refuses("subdivide", "no tolerance would fit", max_faces=100)
