@@ -180,8 +180,7 @@ class AdaptiveTask:
     @property
     def least_factor(self) -> float:
         """The least factor on the tolerance anywhere."""
-        factors = None if self.variation is None else self.variation.factors
-        return 1.0 if factors is None else float(factors.min())
+        return 1.0 if self.variation is None else float(self.variation.factors.min())
 
     @property
     def least_tolerance(self) -> float:
@@ -331,7 +330,7 @@ def _task(
         # Results that do not share a mesh stay apart.
         None if user == blender_object else user.data.session_uid,
         # Objects of one mesh may have materials of their own.
-        None if variation is None or variation.factors is None else variation.factors.tobytes(),
+        None if variation is None else variation.factors.tobytes(),
     )
     scale = gram_matrix(control.world)[np.triu_indices(3)]
     task = AdaptiveTask(
