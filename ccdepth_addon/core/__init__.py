@@ -43,9 +43,8 @@ from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
-from .tolerance.surface_views import Seen, length_in_views, most_pixels, seen_by
+from .tolerance.surface_views import Seen, View, length_in_views, most_pixels, seen_by
 from .tolerance.variation import ToleranceError, Variation
-from .tolerance.view import View
 
 __all__ = [
     "METHODS",

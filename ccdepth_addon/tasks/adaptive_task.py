@@ -331,7 +331,7 @@ def _task(
         # Results that do not share a mesh stay apart.
         None if user == blender_object else user.data.session_uid,
         # Objects of one mesh may have materials of their own.
-        None if variation is None or variation.factors is None else variation.factors.tobytes(),
+        None if variation is None else variation.factors.tobytes(),
     )
     scale = gram_matrix(control.world)[np.triu_indices(3)]
     task = AdaptiveTask(

@@ -22,7 +22,6 @@ from ccdepth_addon.core import (
     SurfacePoints,
     ToleranceError,
     Variation,
-    View,
     common_level,
     face_depths,
     limit_values,
@@ -108,17 +107,6 @@ def random_factors(mesh: PolygonMesh, rng: np.random.Generator) -> FloatArray:
     return 10.0 ** rng.random(mesh.face_count)[mesh.corner_faces]
 
 
-def random_view(mesh: PolygonMesh, rng: np.random.Generator) -> View:
-    """A camera that looks at some point of the mesh, from near or far, in any direction."""
-    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    target = mesh.positions[rng.integers(mesh.vertex_count)]
-    away = meshes.diagonal(mesh) * rng.uniform(0.4, 2)
-    to_camera = np.column_stack([rotation, [0, 0, away] - rotation @ target])
-    size, is_perspective = (200.0, 100.0), bool(rng.random() < 0.8)
-    focal = rng.uniform(80, 300) / (1 if is_perspective else away)
-    return View(to_camera, focal, (110.0, 40.0), size, 0.2 * meshes.diagonal(mesh), is_perspective)
-
-
 def made(mesh: PolygonMesh, limit: float, variation: Variation | None, **others: object) -> AdaptiveMesh:
     request = replace(AdaptiveRequest(limit, Mode.ADAPTIVE, 100_000, variation=variation), **others)
     return subdivide_adaptively(mesh, request, mesh.positions)
@@ -154,32 +142,6 @@ def test_surface_and_mesh_are_within_the_tolerance_of_the_surface_at_each_point(
     drawn = np.einsum("nk,nkd->nd", rng.dirichlet(np.full(3, 0.5), size=200), chosen)
     off = np.linalg.norm(drawn[:, None] - surface, axis=2) / own
     assert np.all(off.min(axis=1) <= SPACED)
-
-
-@pytest.mark.parametrize("seed", [1, *SEEDS])
-@pytest.mark.parametrize("name", MESHES)
-def test_the_image_of_the_surface_is_within_the_pixels(name: str, seed: int) -> None:
-    mesh, rng = build(name, seed), np.random.default_rng(seed)
-    views, pixels = tuple(random_view(mesh, rng) for _ in range(rng.integers(1, 3))), 2.0
-    found = made(mesh, pixels, Variation(views=views))
-    soundness.assert_sound(mesh, found.mesh)
-    assert np.all(found.ratios <= 1)
-    if np.diff(found.mesh.face_starts).max() > 4:
-        pytest.skip("Blender chooses the triangles of polygons")
-    surface = limit_values(mesh, mesh.positions, dense(mesh, 6))
-    surface = surface[rng.choice(len(surface), 300)]
-    there = nearest(surface, drawn_triangles(found))[0]
-    for view in views:
-        (before, depth), (after, other_depth) = images(view, surface), images(view, there)
-        seen = ((before >= 0) & (before <= view.size)).all(axis=1) & (np.minimum(depth, other_depth) >= view.near)
-        assert np.all(np.linalg.norm(after - before, axis=1)[seen] <= pixels * ROUNDED)
-
-
-def images(view: View, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The pixels (n, 2) of points (n, 3), and their depths."""
-    placed = points @ view.to_camera[:, :3].T + view.to_camera[:, 3]
-    divisor = placed[:, 2:] if view.is_perspective else 1.0
-    return view.focal * placed[:, :2] / divisor + view.center, placed[:, 2]
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -298,15 +260,6 @@ def test_the_level_for_all_faces_is_within_the_tolerance_at_each_point(name: str
     np.testing.assert_array_equal(
         found.depths, face_depths(mesh, tolerance, "DISTANCE", "LIMIT", variation=variation).depths
     )
-
-
-def test_depths_in_pixels_grow_towards_the_camera() -> None:
-    mesh = meshes.build(meshes.landscape(12, 12))
-    to_camera = np.array([[1.0, 0, 0, -6], [0, 0, 1, 0], [0, 1, 0, 1]])
-    view = View(to_camera, 1000.0, (500.0, 500.0), (1000.0, 1000.0), 0.1, is_perspective=True)
-    depths = face_depths(mesh, 0.5, "DISTANCE", "LIMIT", variation=Variation(views=(view,))).depths
-    rows = mesh.positions[mesh.corner_vertices, 1].reshape(-1, 4).mean(axis=1)
-    assert depths[rows < 2].mean() > depths[rows > 10].mean() + 0.5
 
 
 def test_depths_below_rounding_are_refused() -> None:

@@ -110,7 +110,7 @@ class Plan:
         """Set the limits of nodes where the limit varies."""
         variation = self.request.variation
         if variation is not None and len(nodes):
-            limits = varied_limits(self.tree, self.surfaces, nodes, self.request.limit, variation)
+            limits = varied_limits(self.tree, nodes, self.request.limit, variation)
             self.limits.values[nodes] = limits - self.request.rounding
             if not np.all(limits > self.request.rounding):
                 raise ToleranceError(

@@ -47,11 +47,10 @@ def face_depths(
 ) -> FaceDepths:
     """The depth of every face of a mesh whose sharpness is explicit (``sharpness.apply_boundary_rule``).
 
-    tolerance: the largest distance allowed, in the unit of the positions; variation: how it varies, with views as a
-    number of pixels. method, vertices: names of ``Method`` and
-    ``Vertices``. progress: receives the rising fraction done, and may raise to stop. effort: a name of ``Effort``, for
-    DISTANCE. is_checked: whether ``check_input`` has accepted mesh and tolerance already. Raises InvalidMeshError,
-    ToleranceError, and ValueError for an unknown name.
+    tolerance: the largest distance allowed, in the unit of the positions; variation: how it varies. method,
+    vertices: names of ``Method`` and ``Vertices``. progress: receives the rising fraction done, and may raise to stop.
+    effort: a name of ``Effort``, for DISTANCE. is_checked: whether ``check_input`` has accepted mesh and tolerance
+    already. Raises InvalidMeshError, ToleranceError, and ValueError for an unknown name.
     """
     if not is_checked:
         check_input(mesh, tolerance, variation)

@@ -35,7 +35,7 @@ class Pose:
 
     make: returns the mesh in the pose, made anew at each call to save memory. All poses of a mesh have the same faces,
     edges and explicit sharpness (``PolygonMesh.changed``). tolerance: the largest distance allowed, in the unit of the
-    positions; variation: how it varies, with views as a number of pixels.
+    positions; variation: how it varies.
     """
 
     make: Callable[[], PolygonMesh]

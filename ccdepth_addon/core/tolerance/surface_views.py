@@ -6,7 +6,14 @@ axis, have images that are f·(d_xy − τ_t·d_z) / z_s apart: z_t·τ_t = z_s�
 the norm √(1 + |τ_t|²), so ε = pixels · z / (f·√(1 + r²)) keeps them within the pixels, with the least depth z of the
 surface and the largest |τ_t|, r. The control points have the surface in their hull, and a depth and a tangent have
 their extremes on a hull at its corners. A drawn point is off the hull by ε, at most ``LARGEST_PART`` of the depth; and
-if it is in the image, its tangent is no farther off the axis than the farthest corner of the image.
+if it is in the image, its tangent is no farther off the axis than the farthest corner of the image with its margin.
+
+If only s is in the image, |τ_t| ≤ r as well, for at most a tenth of the image's shorter side in pixels. The way from s
+to t would leave the circle through that corner at a point that is within the pixels of s in the image. But the circle
+is a tenth of that side, at least, from the image: where the farthest corner is (a, b) off the axis, and the margins are
+m and n, |(a + m, b + n)| − |(a, b)| ≥ (a·m + b·n) / |(a, b)| ≥ min(m, n), as the norm is convex and a, b ≥ 0.
+
+What is nearer than the image begins is in no image: s and t are both beyond that.
 
 For an orthographic camera images are f·d_xy apart, and ε = pixels / f.
 """
@@ -21,7 +28,6 @@ from math import inf, sqrt
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray
-from .view import View
 
 # The part of its size by which an image is extended on every side; what is outside is off screen.
 MARGIN = 0.1
@@ -31,6 +37,24 @@ LARGEST_PART = 0.01
 
 # Roundings of a transformed coordinate, in parts of the largest product.
 ROUNDINGS = 8 * np.finfo(np.float64).eps
+
+
+@dataclass(frozen=True)
+class View:
+    """One camera at one frame.
+
+    to_camera: (3, 4) float64, from the space of the positions to the camera's, with lengths kept: x and y along the
+    image's width and height, and the depth in front of the camera. focal: in pixels; of an orthographic camera in
+    pixels per unit of length. center: the pixel on the camera's axis; size: the width and height of the image, in
+    pixels. near: the depth from which the camera sees.
+    """
+
+    to_camera: FloatArray
+    focal: float
+    center: tuple[float, float]
+    size: tuple[float, float]
+    near: float
+    is_perspective: bool
 
 
 def most_pixels(view: View) -> float:
