@@ -211,6 +211,20 @@ def test_depths_of_other_weights_or_factors_are_out_of_date() -> None:
         assert not are_stale()
 
 
+def test_depths_over_frames_have_the_factors_of_each_frame() -> None:
+    holder, material = scene.add_suzanne(), bpy.data.materials.new("Pulsing")
+    holder.data.materials.append(material)
+    for frame, factor in ((1, 1.0), (2, 10.0), (3, 4.0)):
+        material.ccdepth.tolerance_factor = factor
+        material.keyframe_insert("ccdepth.tolerance_factor", frame=frame)
+    settings = {"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE", "method": "CERTIFIED"}
+    for frames, factor in (("1-3", 1.0), ("2-3", 4.0), ("2", 10.0)):
+        addon.compute(holder, **settings, tolerance_by="MATERIAL", frames="CUSTOM", frame_list=frames)
+        found = addon.depths(holder)
+        addon.compute(holder, **{**settings, "tolerance": TOLERANCE * factor})
+        assert np.array_equal(found, addon.depths(holder))
+
+
 def test_depths_refuse_what_results_refuse() -> None:
     holder = painted(front)
     refuses("compute", "it has no vertex group called “Nothing”", holder, **by_group(vertex_group="Nothing"))
