@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from tests import meshes
+from tests import meshes, thorough
 from tests.blender import addon, runs, scene, snapshot
 from tests.blender.subdividing import refuses
 
@@ -46,7 +46,7 @@ def report_of(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.every_blender
-@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".glb", ".usdc"])
+@pytest.mark.parametrize("suffix", thorough.each([".stl", ".obj", ".ply", ".glb", ".usdc"], [".stl", ".glb"]))
 def test_the_file_is_measured_and_the_scene_stays_as_it_was(tmp_path: Path, suffix: str, capfd: runs.Capture) -> None:
     """Also with a name, a scale and a shear that not every format has, and objects that share a mesh."""
     runs.skip_unwritten(suffix)
