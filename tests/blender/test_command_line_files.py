@@ -38,6 +38,8 @@ def read(path: Path) -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     suffix = path.suffix[1:]
     importers = {"glb": bpy.ops.import_scene.gltf, "usdc": bpy.ops.wm.usd_import}
+    if not hasattr(bpy.types, "WM_OT_fbx_import"):
+        importers["fbx"] = bpy.ops.import_scene.fbx
     (importers.get(suffix) or getattr(bpy.ops.wm, f"{suffix}_import"))(filepath=str(path))
     bpy.context.view_layer.update()
 
