@@ -16,8 +16,6 @@ from tests.blender.runs import run, said
 from tests.blender.subdividing import faces, refuses, shape
 from tests.blender.updating import move_vertex, set_scene, stale_line, update
 
-pytestmark = pytest.mark.every_blender
-
 task = addon.module("tasks.adaptive_task")
 distances = addon.module("exchange.switch_distances")
 
@@ -29,6 +27,7 @@ def make_levels(*objects: bpy.types.Object, **settings: object) -> list[bpy.type
     return sorted(set(bpy.data.objects) - before, key=lambda each: each.name)
 
 
+@pytest.mark.every_blender
 def test_each_is_proved_within_its_own_tolerance() -> None:
     source = scene.add_suzanne()
     source.data.shade_smooth()
@@ -121,6 +120,7 @@ def test_numbers_take_the_place_of_a_camera() -> None:
     assert level["ccdepth_distance"] == pytest.approx(level["ccdepth_error"] * 50, rel=1e-6)
 
 
+@pytest.mark.every_blender
 def test_update_makes_the_whole_set_anew() -> None:
     set_scene(tolerance=0.002)
     source = scene.add_suzanne()
@@ -230,6 +230,7 @@ def read(path: Path) -> dict[str, bpy.types.Object]:
     return {each.name: each for each in bpy.data.objects}
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("suffix", thorough.each([".glb", ".fbx", ".blend"], [".glb", ".fbx"]))
 def test_the_command_line_writes_a_set_with_a_certificate(tmp_path: Path, suffix: str) -> None:
     bpy.context.scene.unit_settings.scale_length = 0.01
