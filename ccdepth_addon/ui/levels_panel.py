@@ -16,7 +16,7 @@ from .sidebar import SidebarPanel, settings_column
 DIGITS = 2
 
 # The headings of the columns, and their widths in proportion.
-HEADINGS = {"LOD": 2.0, "Faces": 2.7, "Within": 3.8, "From": 3.0, "Size": 2.8}
+HEADINGS = {"LOD": 1.7, "Faces": 2.7, "Within": 4.4, "From": 2.9, "Size": 2.6}
 
 
 class CCDEPTH_PT_levels(SidebarPanel, bpy.types.Panel):
@@ -57,8 +57,9 @@ def _draw_table(layout: bpy.types.UILayout, scene: bpy.types.Scene, levels: list
 def switch_texts(scene: bpy.types.Scene, level: bpy.types.Object, switch: Switch) -> tuple[str, ...]:
     """The texts of a row: lengths are rounded up, and the size of the level in the view down, so that they hold."""
     lengths = (length_text(scene, length, Rounding.UP, DIGITS) for length in (switch.error, switch.distance))
-    size = f"{int(switch.screen_size * 1000) / 10:.1f} %"
-    return (str(switch.level), f"{mesh_face_count(level.data):,}", *lengths, size)
+    percent = 100 * switch.screen_size
+    size = f"{int(percent)}" if percent >= 10 else f"{int(10 * percent) / 10:.1f}"
+    return (str(switch.level), f"{mesh_face_count(level.data):,}", *lengths, f"{size} %")
 
 
 register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_levels,))
