@@ -16,7 +16,7 @@ from .sidebar import SidebarPanel, settings_column
 DIGITS = 2
 
 # The headings of the columns, and their widths in proportion.
-HEADINGS = {"LOD": 1.7, "Faces": 2.7, "Within": 4.4, "From": 2.9, "Size": 2.6}
+HEADINGS = {"LOD": 2.2, "Faces": 2.7, "Within": 4.1, "From": 2.8, "Size": 2.5}
 
 
 class CCDEPTH_PT_levels(SidebarPanel, bpy.types.Panel):
