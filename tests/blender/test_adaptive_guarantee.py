@@ -266,7 +266,13 @@ def test_strange_meshes_are_within_the_tolerance_both_ways(seed: int) -> None:
     mode = "PER_FACE" if rng.random() < 0.2 else "ADAPTIVE"
     # Around a pole of hundreds of faces, all of which have to be there, the deep level is not as deep.
     share = 0.0 if seed % 6 == POLE else LEAST_SHARE
-    assert_within(meshes.single_precision(strange(seed)), relative, slack=2, mode=mode, least_share=share)
+    too_many = addon.module("core.adaptive.plan").TooManyFacesError
+    try:
+        assert_within(meshes.single_precision(strange(seed)), relative, slack=2, mode=mode, least_share=share)
+    except too_many:
+        # One depth for each of the faces around a large pole can make millions.
+        assert (seed % 6, mode) == (POLE, "PER_FACE")
+        pytest.skip("a result of so many faces is refused")
 
 
 # Of objects: what they do to their meshes, so unevenly that Blender does not see the polygons as they are in the scene.
