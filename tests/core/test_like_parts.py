@@ -37,6 +37,10 @@ def look(mesh: PolygonMesh) -> LikeParts:
     return like_parts(mesh, np.inf, 1e-3)
 
 
+# Fine triangles that stand for the surface are off it by so many times what their level has changed, at most: a level
+# takes a third off at least.
+OFF = 2
+
 PARTS: dict[str, Callable[[], meshes.MeshData]] = {
     "bumpy cube": lambda: meshes.bumpy(meshes.cube(), 0.2, 3),
     "creased cube": meshes.creased_cube,
@@ -104,8 +108,8 @@ def test_depths_hold_for_every_copy_and_are_those_without_like_parts(
     assert np.all(found.depths[found.exact] <= alone.depths[found.exact])
     assert level <= uniform_level(mesh, tolerance, "DISTANCE", vertices, tighter)
     assert np.all(found.bounds <= tolerance)
-    there, back, _ = sampled(mesh, max(level, 1), vertices)
-    assert max(there.max(), back.max()) <= tolerance
+    there, back, step = sampled(mesh, max(level, 1), vertices)
+    assert max(there.max() - OFF * step, back.max()) <= tolerance
 
 
 def corner_distances(mesh: PolygonMesh) -> FloatArray:
