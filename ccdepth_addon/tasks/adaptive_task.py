@@ -195,11 +195,9 @@ class AdaptiveTask:
         return rest
 
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
-        # Where the tolerance varies, the rounding is subtracted from each.
-        subtracted = self.allowance if self.variation is None else 0.0
         largest = float(np.abs(self.control.mesh.positions).max(initial=0.0))
         return AdaptiveRequest(
-            tolerance - subtracted,
+            tolerance,
             Mode(settings.mode),
             most_faces,
             self.control.world,
@@ -209,7 +207,7 @@ class AdaptiveTask:
             is_smooth=self.is_smooth,
             stored=self.stored,
             longest_edge=self.longest_edge(settings),
-            rounding=self.allowance - subtracted,
+            rounding=self.allowance,
             variation=self.variation,
         )
 

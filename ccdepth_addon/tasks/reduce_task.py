@@ -35,11 +35,12 @@ def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: P
     task = answer.task
     control = task.control
     whole = task.request(replace(settings, mode="ADAPTIVE"), task.surface.tolerance, 0)
+    most = whole.limit - whole.rounding
     for divisor in DIVISORS_WITH_ANGLES if task.has_angles(settings) else DIVISORS:
         # Below the smallest step nothing can be proved.
-        limit = max(whole.limit / divisor, min(whole.limit, smallest_step(control.in_world)))
+        limit = max(most / divisor, min(most, smallest_step(control.in_world)))
         # Long triangles would turn over when they are merged.
-        request = replace(whole, limit=limit, most_faces=settings.max_faces, are_squares=True)
+        request = replace(whole, limit=limit, rounding=0.0, most_faces=settings.max_faces, are_squares=True)
         try:
             finer = subdivide_adaptively(control.in_world, request, control.mesh.positions, progress)
         except TooManyFacesError:

@@ -22,8 +22,7 @@ class Mode(StrEnum):
 @dataclass(frozen=True)
 class AdaptiveRequest:
     """The way to subdivide a control mesh. limit: the largest distance allowed, in the unit of the positions; rounding:
-    what is subtracted from the distances, unless it already is. variation: how the limit varies; None for the same
-    everywhere.
+    the part of it that rounding may take. variation: how the limit varies; None for the same everywhere.
 
     most_faces: the number of faces above which a result is refused. axes: (3, 3) float64, in columns the axes of the
     space where Blender triangulates the result, in coordinates of the positions. largest_coordinate: the largest
