@@ -17,6 +17,10 @@ from tests.triangle_distances import distances
 # How many levels deeper the surface is sampled.
 DEEPER = 2
 
+# Fine triangles that stand for the surface are off it by so many times what their level has changed, at most: a level
+# takes a third off at least, at poles of any valence; mostly three quarters.
+OFF = 2
+
 
 class Level:
     """A mesh at a level. owners: (F,), the face of the control mesh that each comes from; parameters: (C, 2), where

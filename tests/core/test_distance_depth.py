@@ -24,14 +24,10 @@ from ccdepth_addon.core.depth.tolerance import ToleranceTest
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
-from tests.drawn_levels import largest_around, points_of, sampled, surface
+from tests.drawn_levels import OFF, largest_around, points_of, sampled, surface
 from tests.proved_bounds import level_bounds
 from tests.thorough import cases, combinations, each
 from tests.triangle_distances import point_to_triangles
-
-# Fine triangles that stand for the surface are off it by so many times what their level has changed, at most: a level
-# takes a third off at least, at poles of any valence; mostly three quarters.
-OFF = 2
 
 # Relative: single precision plays no part, and double precision is exact to far more.
 ROUNDING = 1e-9

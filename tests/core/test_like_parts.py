@@ -14,7 +14,7 @@ from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
 from ccdepth_addon.core.depth.like_parts import LikeParts, like_parts
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
-from tests.drawn_levels import Level, sampled
+from tests.drawn_levels import OFF, Level, sampled
 from tests.thorough import cases
 
 # The distance between rows of parts: their coordinates are rounded differently.
@@ -36,10 +36,6 @@ def rows(data: meshes.MeshData, count: int, apart: float = APART) -> PolygonMesh
 def look(mesh: PolygonMesh) -> LikeParts:
     return like_parts(mesh, np.inf, 1e-3)
 
-
-# Fine triangles that stand for the surface are off it by so many times what their level has changed, at most: a level
-# takes a third off at least.
-OFF = 2
 
 PARTS: dict[str, Callable[[], meshes.MeshData]] = {
     "bumpy cube": lambda: meshes.bumpy(meshes.cube(), 0.2, 3),
