@@ -32,16 +32,16 @@ def test_each_is_proved_within_its_own_tolerance() -> None:
     source = scene.add_suzanne()
     source.data.shade_smooth()
     source.scale = (1.0, 2.0, 1.5)
-    levels = make_levels(source, shading_angle=radians(8))
+    levels = make_levels(source, tolerance=0.004, shading_angle=radians(8))
     assert [each.name for each in levels] == ["Suzanne_LOD0", "Suzanne_LOD1", "Suzanne_LOD2"]
     assert faces(levels[0]) > faces(levels[1]) > faces(levels[2])
     for number, each in enumerate(levels):
         record = each.data.ccdepth
-        assert record.world_tolerance == pytest.approx(0.002 * 4**number, rel=1e-6)
+        assert record.world_tolerance == pytest.approx(0.004 * 4**number, rel=1e-6)
         assert record.largest_bound <= record.world_tolerance
         assert record.shading_angle == pytest.approx(radians(min(8 * 2**number, 30)), rel=1e-6)
         # The independent measurement.
-        addon.measure(each, tolerance=0.002 * 4**number, time_limit=30)
+        addon.measure(each, tolerance=0.004 * 4**number, time_limit=30)
         assert each.data.ccdepth.measurement.verdict == "MET"
 
 
@@ -84,7 +84,7 @@ def test_one_level_is_what_apply_makes() -> None:
 def test_the_distance_is_that_of_a_pixel() -> None:
     """Seen from there, the proved distance covers a pixel in the middle of the view; independently by Blender's
     projection matrix."""
-    source = scene.add_suzanne()
+    source = scene.add_object(meshes.landscape(4, 3))
     source.scale = (2.0, 2.0, 2.0)
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     bpy.context.scene.collection.objects.link(camera)
@@ -141,7 +141,7 @@ def test_update_makes_the_whole_set_anew() -> None:
 
 
 def test_reduce_counts_for_every_level() -> None:
-    levels = make_levels(scene.add_suzanne(), count=2, tolerance=0.01, reduce=True)
+    levels = make_levels(scene.add_object(meshes.landscape(4, 3)), count=2, tolerance=0.01, reduce=True)
     assert all(each.data.ccdepth.unreduced_triangles > faces(each) for each in levels)
 
 
@@ -172,12 +172,10 @@ def test_seams_and_tangents_agree(level: int) -> None:
     (fine, fine_uvs, fine_tangents), (coarse, uvs, tangents) = corners(levels[0].data), corners(levels[level].data)
     # In the (u, v, 6 positions) space corners on two sides of a seam are far from each other.
     here, there = np.hstack([coarse, uvs]), np.hstack([fine, fine_uvs])
-    for one, tangent in zip(here, tangents, strict=True):
-        apart = np.linalg.norm(there - one, axis=1)
-        nearest = apart.argmin()
-        # The finest level has edges of this length at most in this space.
-        assert apart[nearest] < 0.05
-        assert tangent @ fine_tangents[nearest] > np.cos(radians(15))
+    apart, nearest = pytest.importorskip("scipy.spatial").cKDTree(there).query(here)
+    # The finest level has edges of this length at most in this space.
+    assert apart.max() < 0.05
+    assert np.all((tangents * fine_tangents[nearest]).sum(axis=1) > np.cos(radians(15)))
 
 
 @pytest.mark.parametrize(
@@ -235,7 +233,7 @@ def read(path: Path) -> dict[str, bpy.types.Object]:
 def test_the_command_line_writes_a_set_with_a_certificate(tmp_path: Path, suffix: str) -> None:
     bpy.context.scene.unit_settings.scale_length = 0.01
     for name in ("One", "Two"):
-        scene.add_suzanne().name = name
+        scene.add_object(meshes.landscape(4, 3), name)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "two.blend"))
     output, report, table = tmp_path / f"out{suffix}", tmp_path / "report.json", tmp_path / "table.csv"
     line = ["--lods", "2", "--lod-step", "3", "--tolerance", "1%", "--view-angle", "40", "--view-height", "720"]

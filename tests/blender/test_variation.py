@@ -43,7 +43,7 @@ def front(positions: np.ndarray) -> np.ndarray:
 
 
 def deep_level(holder: bpy.types.Object) -> tuple[np.ndarray, list[list[int]], np.ndarray]:
-    """The positions and the faces of the fifth level on the limit surface, and the weights of its vertices: Blender
+    """The positions and the faces of the fourth level on the limit surface, and the weights of its vertices: Blender
     interpolates them like vertices, and an attribute at corners linearly over each face."""
     mesh, weights = holder.data, np.zeros(len(holder.data.vertices))
     for vertex in mesh.vertices:
@@ -53,7 +53,7 @@ def deep_level(holder: bpy.types.Object) -> tuple[np.ndarray, list[list[int]], n
     corners = scene.mesh_data(mesh).corner_vertices
     layer = mesh.uv_layers.new(name="weights")
     layer.data.foreach_set("uv", np.column_stack([weights[corners], np.zeros(len(corners))]).ravel())
-    modifier = scene.add_subdivision(holder, 5)
+    modifier = scene.add_subdivision(holder, 4)
     modifier.use_limit_surface, modifier.uv_smooth = True, "NONE"
     holder.hide_set(False)
     evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
