@@ -40,6 +40,9 @@ INSIDE_BLENDER = Path(__file__).with_name("inside_blender.py")
 # The mouse looks for buttons in steps of so many pixels; a button is 20 high.
 SEARCH_STEP = 14
 
+# The height at which each button was found last.
+found_at: dict[str, int] = {}
+
 pytestmark = pytest.mark.skipif(
     not (BLENDER and EXTENSION), reason="needs CCDEPTH_BLENDER and CCDEPTH_EXTENSION: a real Blender, and the built zip"
 )
@@ -174,11 +177,14 @@ def find_button(window: Window, sidebar: list[int], command: str, across: float 
     """Move the mouse down the sidebar, at this part of its width, until the button of that command is under it, or the
     field of that setting; and press it."""
     left, top, right, bottom = sidebar
-    for y in range(top + SEARCH_STEP, bottom, SEARCH_STEP):
+    rows, last = range(top + SEARCH_STEP, bottom, SEARCH_STEP), found_at.get(command, top)
+    # Where it was found before, it is mostly found again.
+    for y in sorted(rows, key=lambda row: abs(row - last)):
         # Where two buttons share a row, the second is found as well.
         window.move_mouse(round(left + (right - left) * across), y)
         window.settle()
         if command in window.report()["hovered"]:
+            found_at[command] = y
             if press:
                 window.click()
             return
