@@ -55,12 +55,13 @@ def _to_hide(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
-    """The source of a result; for any other object, its results in scenes. Raises ComputeError if none is left."""
+    """The source of a result; for any other object, its results in scenes, of levels of detail the finest. Raises
+    ComputeError if none is left."""
     if not result_record.is_result(blender_object):
         results = [each for each in result_record.results_of(blender_object) if each.users_scene]
         if not results:
             raise ComputeError(f"{blender_object.name}: its results have been removed")
-        return results
+        return list(dict.fromkeys(result_record.levels_beside(each)[0] for each in results))
     source = result_record.source_of(blender_object)
     if source is None:
         raise ComputeError(f"{blender_object.name}: its source has been removed from the file")

@@ -20,7 +20,7 @@ MOST_LEVELS, LARGEST_STEP = 16, 1000.0
 
 class CCDEPTH_OT_lods(properties.LevelProperties, MakingOperator):
     """Make levels of detail of the selected objects: adaptive meshes from the tolerance on, each coarser by the step,
-    with the distance from which each is under a pixel. The objects are kept, and hidden"""
+    with the distance from which each is under a pixel. The finest is shown; the objects are kept, and hidden"""
 
     bl_idname = "ccdepth.lods"
     bl_label = "Make Levels of Detail"

@@ -198,7 +198,7 @@ def beside(context: bpy.types.Context, places: list[Placement], use_modifiers: b
 
 def as_levels(context: bpy.types.Context, places: list[Placement], use_modifiers: bool, undo: ExitStack) -> list[str]:
     """Put each mesh in new objects, the levels of detail of an original in a collection of their own beside it; only
-    the finest is rendered."""
+    the finest is shown and rendered, as they lie in one place."""
     layer_objects = context.view_layer.objects
     undo.callback(setattr, layer_objects, "active", layer_objects.active)
     levels: dict[bpy.types.Object, list[bpy.types.Object]] = {}
@@ -220,6 +220,8 @@ def as_levels(context: bpy.types.Context, places: list[Placement], use_modifiers
         for copy in copies:
             collection.objects.link(copy)
         _show_instead(context, original, copies, undo)
+        for coarser in copies[1:]:
+            hide(coarser, coarser)
     return []
 
 

@@ -438,11 +438,6 @@ class MeasureProperties:
         name="Accuracy",
         description="The largest difference of proved and reached distance, as a fraction of the reached distance",
         default=DEFAULT_ACCURACY,
-        soft_min=0.01,
-        soft_max=1.0,
-        step=1,
-        precision=3,
-        subtype="FACTOR",
     )
     time_limit: FloatProperty(
         name="Time Limit",

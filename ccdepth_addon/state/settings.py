@@ -92,6 +92,17 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
         subtype="DISTANCE",
         update=_redraw,
     )
+    shown_accuracy: FloatProperty(
+        name="Accuracy",
+        description="The largest difference of proved and reached distance, in percent of the reached distance",
+        get=lambda self: 100 * self.accuracy,
+        set=lambda self, percent: setattr(self, "accuracy", percent / 100),
+        soft_min=1.0,
+        soft_max=100.0,
+        precision=1,
+        subtype="PERCENTAGE",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
     show_legend: BoolProperty(
         name="Legend",
         description="Show the colours and their depths or distances in the 3D View",

@@ -39,11 +39,10 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             column.prop(settings, "output")
         column.prop(settings, "shading_angle")
         column.prop(settings, "facet_angle")
-        column.prop(settings, "longest_edge")
         draw_variation(column, context)
         column.prop(settings, "reduce")
         _draw_keys_line(column, context)
-        budget = settings_column(layout).row(align=True)
+        budget = column.row(align=True)
         # What Reduce saves is known once it has run.
         budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
         budget.operator("ccdepth.find_tolerance", text="", icon="VIEWZOOM")
@@ -67,9 +66,13 @@ class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
         normals = column.column()
         normals.active = settings.shading_angle == 0
         normals.prop(settings, "exact_normals")
+        column.prop(settings, "longest_edge")
         column.prop(settings, "max_faces")
         column.prop(settings, "subdivide_results")
-        if any(each.data.has_custom_normals for each in made_objects(context)):
+        made = made_objects(context)
+        if len(made) == 1 and result_record.source_of(made[0]) is not None:
+            column.prop(made[0].ccdepth, "keep_updated")
+        if any(each.data.has_custom_normals for each in made):
             self.layout.operator("ccdepth.remove_normals", icon="NORMALS_VERTEX_FACE")
 
 
@@ -81,8 +84,6 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
     else:
         up_to_date = UP_TO_DATE if source is None else f"{UP_TO_DATE} with {source.name}"
         draw_state_line(layout, result_line(settings, made), up_to_date)
-    if source is not None:
-        settings_column(layout).prop(made.ccdepth, "keep_updated")
     if made.data.ccdepth.has_result:
         faces, *others = facts_of(context.scene, made.data.ccdepth)
         draw_facts(layout, [faces, *counts_of(made.data, None if source is None else source.data), *others], "make")

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import bpy
 
 from ..state import mesh_values, out_of_date
@@ -41,16 +43,24 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
         row.label(text="", icon=icon)
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = self.layout, context.scene.ccdepth
+        layout = self.layout
         draw_main_button(layout, "ccdepth.measure", "DRIVER_DISTANCE")
-        column = settings_column(layout)
-        column.prop(settings, "accuracy")
-        column.prop(settings, "time_limit")
         measured = _measured(context)
         if measured is not None:
             _draw_measurement(layout, context, measured)
         else:
             _draw_pair(layout, *_plan(context))
+
+
+class CCDEPTH_PT_check_options(SidebarPanel, bpy.types.Panel):
+    bl_label = "Options"
+    bl_parent_id = "CCDEPTH_PT_check"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, settings = settings_column(self.layout), context.scene.ccdepth
+        column.prop(settings, "shown_accuracy")
+        column.prop(settings, "time_limit")
 
 
 def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -97,19 +107,18 @@ def _pair(measured: bpy.types.Object) -> tuple[str, ...]:
 def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, measured: bpy.types.Object) -> None:
     settings, mesh = context.scene.ccdepth, measured.data
     found = mesh.ccdepth.measurement
-    box = layout.box().column()
-    _draw_pair(box, *_pair(measured))
+    _draw_pair(layout, *_pair(measured))
     tolerance, facts = facts_of_measurement(context.scene, mesh.ccdepth)
     if stale := stale_line(settings, mesh):
-        draw_state_line(box, stale)
+        draw_state_line(layout, stale)
     else:
         icon, text = VERDICTS[found.verdict]
-        verdict = box.row()
+        verdict = layout.row()
         verdict.alert = icon == "CANCEL"
         verdict.label(text=f"{text} {tolerance}", icon=icon)
-    draw_facts(box, facts)
+    draw_facts(layout, facts)
     if not found.accuracy_met:
-        box.label(text="Accuracy not reached", icon="TIME")
+        layout.label(text="Accuracy not reached", icon="TIME")
     row = layout.row(align=True)
     row.operator("ccdepth.select_worst", icon="FACESEL")
     row.operator("ccdepth.select_worst", text="", icon="ZOOM_SELECTED").frame = True
@@ -123,4 +132,4 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     return "" if is_same else "Out of date: settings changed"
 
 
-register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_check,))
+register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_check, CCDEPTH_PT_check_options))

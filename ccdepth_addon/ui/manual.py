@@ -27,7 +27,7 @@ SETTINGS = (
     ("tolerance", "*tolerance* use_modifiers"),
     ("compute-depth", "method vertices effort"),
     ("frames", "frame*"),
-    ("measure-deviation", "accuracy time_limit"),
+    ("measure-deviation", "*accuracy time_limit"),
     ("heat-map-and-legend", "heat_map* show_* distance_*"),
     ("levels-of-detail", "count step view_*"),
     ("adaptive-subdivision", "*"),

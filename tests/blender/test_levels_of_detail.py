@@ -67,9 +67,14 @@ def test_each_set_has_a_collection_beside_its_source() -> None:
     assert [each.name for each in home.children] == ["Cube LODs"]
     assert cube.name in bpy.data.objects
     assert cube.hide_get()
-    assert all(each.visible_get() and each.select_get() for each in levels)
-    # One of them is rendered in place of the source.
-    assert [each.hide_render for each in levels] == [False, True, False, True]
+    # One of them is shown and rendered in place of the source, before and after.
+    for _ in range(2):
+        assert [each.visible_get() for each in levels] == [True, False, True, False]
+        assert [each.select_get() for each in levels] == [True, False, True, False]
+        assert [each.hide_render for each in levels] == [False, True, False, True]
+        assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
+        assert [each.visible_get() for each in (cube, plain, *levels)] == [True] * 2 + [False] * 4
+        assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
 
 
 def test_one_level_is_what_apply_makes() -> None:

@@ -108,6 +108,16 @@ def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     assert record.deviation_reached < third < record.deviation
 
 
+def test_accuracy_is_typed_in_percent_and_kept_as_a_fraction() -> None:
+    settings = bpy.context.scene.ccdepth
+    assert settings.shown_accuracy == pytest.approx(5.0)
+    for percent, fraction in ((0.1, 0.001), (30.0, 0.3)):
+        settings.shown_accuracy = percent
+        # Both are kept in single precision.
+        assert settings.accuracy == np.float32(fraction)
+        assert settings.shown_accuracy == pytest.approx(percent, rel=1e-6)
+
+
 def test_when_the_time_is_over_it_tells_what_is_proved(capfd: pytest.CaptureFixture[str]) -> None:
     holder = scene.add_suzanne()
     addon.measure(holder, accuracy=1e-6, time_limit=0.01)
