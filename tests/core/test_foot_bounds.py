@@ -57,7 +57,7 @@ def bounds_of(mesh: PolygonMesh, vertices: Vertices, is_turned: BoolArray) -> li
     """(F,) of each level."""
     found = foot_bounds(by_component(regular_nets(mesh, np.arange(mesh.face_count))), vertices, is_turned)
     around = largest_around(mesh, found.curvature), largest_around(mesh, found.speed)
-    return [found.at(level, *around) for level in range(LEVELS)]
+    return [found.at_level(level, *around) for level in range(LEVELS)]
 
 
 def assert_both_ways(mesh: PolygonMesh, bounds: FloatArray, there: FloatArray, back: FloatArray, off: float) -> None:
@@ -247,7 +247,7 @@ def test_planes_are_off_by_nothing_however_parameters_run(vertices: Vertices) ->
     net = (np.column_stack([warped, np.zeros(16)]) @ turned).reshape(4, 4, 1, 3)
     found = foot_bounds(by_component(net), vertices, np.zeros(1, dtype=bool))
     for level in range(1, 4):
-        assert found.at(level, found.curvature, found.speed)[0] < 1e-7
+        assert found.at_level(level, found.curvature, found.speed)[0] < 1e-7
     # At level 0 the ways along the surface are too long for constants of second derivatives.
     assert leaf_feet(by_component(net), vertices, found.curvature, found.speed, 1.0)[0][0] < 1e-7
 
@@ -260,7 +260,7 @@ def test_nothing_is_proved_where_the_surface_has_no_tangent_plane() -> None:
     folded_beside_it[3] = grid[0]
     net = np.stack([collapsed, folded_in_the_middle, folded_beside_it, 0 * grid], axis=2)
     found = foot_bounds(by_component(net), Vertices.LIMIT, np.zeros(4, dtype=bool))
-    assert np.all(np.isinf(found.at(3, found.curvature, found.speed)))
+    assert np.all(np.isinf(found.at_level(3, found.curvature, found.speed)))
 
 
 @pytest.mark.parametrize("level", [1, 2])

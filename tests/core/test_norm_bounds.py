@@ -139,14 +139,14 @@ def test_facets_lie_within_the_second_order_distance(valence: int, vertices: str
     differences = nets.difference_matrix(valence)
     found = [worst_of(distance_stencils(valence, level, vertices), differences)[0] for level in range(3)]
     for level in range(3):
-        assert found[level] <= bounds.at(level)[0] + PROGRAM_TOLERANCE
-        assert bounds.at(level)[0] == pytest.approx(bounds.at(0)[0] * published_rate(valence) ** level)
+        assert found[level] <= bounds.after(level)[0] + PROGRAM_TOLERANCE
+        assert bounds.after(level)[0] == pytest.approx(bounds.after(0)[0] * published_rate(valence) ** level)
     if vertices == "CONTROL":
-        assert bounds.at(0)[0] == pytest.approx(1 / published_divisor(valence))
+        assert bounds.after(0)[0] == pytest.approx(1 / published_divisor(valence))
         assert found[0] == pytest.approx(3 / 8 if valence == 3 else 1 / 3, abs=PROGRAM_TOLERANCE)
     elif valence == 3:
         # 7/27 is the least factor there, reached between the samples.
-        assert bounds.at(0)[0] == pytest.approx(7 / 27)
+        assert bounds.after(0)[0] == pytest.approx(7 / 27)
         assert found[0] == pytest.approx(7 / 27, rel=0.005)
 
 
@@ -168,7 +168,7 @@ def test_regular_facets_reach_their_distance_and_no_more(vertices: str, level: i
     differences = np.stack([2 * net[a] - net[b] - net[c] for a, b, c in nets.listed_regular_differences()])
     found = worst_of(distance_stencils(4, level, vertices), differences)[0]
     assert 0.74 * factor <= found <= factor + PROGRAM_TOLERANCE
-    assert bounds_of("SECOND_ORDER", 4, 1, vertices).at(level)[0] == pytest.approx(factor)
+    assert bounds_of("SECOND_ORDER", 4, 1, vertices).after(level)[0] == pytest.approx(factor)
 
 
 @every_valence
@@ -188,7 +188,7 @@ def test_facets_lie_within_the_first_order_distance(valence: int, vertices: str)
     bounds = bounds_of("FIRST_ORDER", valence, 1, vertices)
     for level in range(3 if valence == 4 else 2):
         found = worst_of(distance_stencils(valence, level, vertices), nets.edge_matrix(valence))[0]
-        assert found <= bounds.at(level)[0] + PROGRAM_TOLERANCE
+        assert found <= bounds.after(level)[0] + PROGRAM_TOLERANCE
 
 
 @both_vertices
@@ -212,7 +212,7 @@ def test_regular_nets_stay_within_the_bounds_of_later_levels(level: int, vertice
     stencils = Levels(nets.net_mesh(np.eye(16))).facet_offsets(level, vertices, samples - level)[: 4 * 4**samples]
     dense = np.linalg.norm((stencils @ points).reshape(-1, 40, 3), axis=2).max(axis=0)
     bounds, lower = later_bounds(net, kind), sampled_error(net, kind, level)
-    upper = bounds.at(level)
+    upper = bounds.after(level)
     assert np.all((bounds.least(level) <= dense * (1 + 1e-12)) & (dense <= upper * (1 + 1e-12)))
     # Between samples at 16ths (8ths) of a facet a distance can be larger by about a hundredth (some hundredths).
     assert np.all(lower <= dense * (1.015 if level < 3 else 1.05))
@@ -268,7 +268,7 @@ def test_sharp_factors_are_the_least(valence: int, vertices: str) -> None:
     beyond = [LEVELS, LEVELS + 4, LEVELS + PERIOD] if valence < 32 else []
     for level in [*range(LEVELS), *beyond]:
         found, heights = worst_of(facets @ steps(valence, level), nets.difference_matrix(valence))
-        bound = bounds.at(level)[0]
+        bound = bounds.after(level)[0]
         if level >= LEVELS:
             # Beyond the table, where the factors recur.
             assert 0.3 * bound < found < bound
@@ -279,7 +279,7 @@ def test_sharp_factors_are_the_least(valence: int, vertices: str) -> None:
         assert 0.99 * bound <= max(found, at_corner) <= bound * (1 + PROGRAM_TOLERANCE)
         if level < 3 and valence < 32 and valence != 9:
             net = heights[:, None] * [0.0, 0.0, 1.0]
-            own = PATCH_METHODS[Method.SHARP].extraordinary(net[:, None], Vertices(vertices)).at(level)[0]
+            own = PATCH_METHODS[Method.SHARP].extraordinary(net[:, None], Vertices(vertices)).after(level)[0]
             distance = Levels(nets.net_mesh(net)).distances(level, vertices, SAMPLES + 1)[0]
             assert 0.99 * own <= distance <= own
 
@@ -294,7 +294,7 @@ def test_sharp_bounds_fall_with_every_level_and_lie_below_the_published(vertices
     """Where the factors begin to recur a bound can be a little above the one before, never above the last but one."""
     for valence in [3, *range(5, max(RATES) + 1)]:
         sharp, published = (
-            np.array([bounds.at(level)[0] for level in range(40)])
+            np.array([bounds.after(level)[0] for level in range(40)])
             for bounds in (bounds_of(method, valence, 1, vertices) for method in ("SHARP", "SECOND_ORDER"))
         )
         assert np.all(np.diff(sharp[:LEVELS]) < 0)
@@ -303,7 +303,7 @@ def test_sharp_bounds_fall_with_every_level_and_lie_below_the_published(vertices
         assert np.all(sharp < published)
     for valence in (4, max(RATES) + 1):
         sharp, published = (bounds_of(method, valence, 1, vertices) for method in ("SHARP", "SECOND_ORDER"))
-        assert all(sharp.at(level) == published.at(level) for level in range(5))
+        assert all(sharp.after(level) == published.after(level) for level in range(5))
 
 
 # Sums of three numbers of some ten, in any order.

@@ -137,7 +137,8 @@ def _pieces(
                 for _, pieces, form in pieces_of_tiles(corners, some, triangles.firsts[some.leaves] + some.firsts):
                     found[id(form), len(pieces.hulls), is_narrow].append((pieces, form))
     for (_, _, is_narrow), alike in found.items():
-        yield Pieces.joined([each for each, _ in alike]), alike[0][1], is_narrow
+        (first, *others), (form, *_) = zip(*alike, strict=True)
+        yield first.joined(others), form, is_narrow
 
 
 def _of_leaves(

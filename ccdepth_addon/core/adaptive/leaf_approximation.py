@@ -8,12 +8,13 @@ to be split; ``leaf_bounds`` proves the other leaves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.tables import Table
+from ..arrays.types import BoolArray, FloatArray
 from ..arrays.vectors import cross_products, dot_products, lengths, selected_vectors, units
 from ..bounds.polygon_bounds import fan_normals, polygon_thickness
 from ..mesh.folded_quads import is_folded
@@ -33,7 +34,7 @@ PATTERN_BITS = np.array([1, 2, 4, 8])
 
 
 @dataclass(frozen=True)
-class LeafApproximation:
+class LeafApproximation(Table):
     """The triangles or polygons of P leaves, with estimates of their distances from the surface: (P,) each.
 
     accepted: bool, whether the estimate is within the limit. patterns, alternatives: int8, the template (``templates``)
@@ -61,10 +62,6 @@ class LeafApproximation:
         thickness, along_u, along_v = np.zeros((3, count))
         ways = np.full(count, QUARTERS, dtype=np.int8)
         return LeafApproximation(accepted, patterns, alternatives, folded, thickness, along_u, along_v, ways)
-
-    def at(self, chosen: IndexArray) -> LeafApproximation:
-        """The approximation of some leaves, by index."""
-        return LeafApproximation(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 def approximate_quads(

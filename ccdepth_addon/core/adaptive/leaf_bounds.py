@@ -19,7 +19,7 @@ import numpy as np
 from ..arrays.chunks import chunks, index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..distance.leaf_surfaces import Tiles, joined_tiles, tiles_of
+from ..distance.leaf_surfaces import Tiles, tiles_of
 from ..distance.piece_hulls import Pieces
 from ..distance.pieces import Form, include_at_equal, include_pieces
 from ..distance.shells import Shell
@@ -243,10 +243,8 @@ def joined_by_points(tiles: Iterator[DrawnTiles]) -> Iterator[DrawnTiles]:
     def kind(each: DrawnTiles) -> tuple[bool, int]:
         return not each.tiles.are_bicubic, len(each.tiles.points)
 
-    for (are_rests, _), alike in groupby(sorted(tiles, key=kind), key=kind):
-        group = list(alike)
-        columns = ([getattr(each, name) for each in group] for name in ("leaves", "keys", "firsts"))
-        yield DrawnTiles(joined_tiles([each.tiles for each in group], not are_rests), *map(np.concatenate, columns))
+    for _, (first, *others) in groupby(sorted(tiles, key=kind), key=kind):
+        yield first.joined(others)
 
 
 class _Waiting:
@@ -281,8 +279,9 @@ class _Waiting:
     def _look_at(self, key: tuple[int, int]) -> None:
         self._counts[key] = 0
         waiting = self._waiting.pop(key)
-        leaves, form = np.concatenate([each[0] for each in waiting]), waiting[0][2]
-        pieces, found = Pieces.joined([each[1] for each in waiting]), self.found if form.quarters else self.of_rests
+        of_leaves, (first, *others), (form, *_) = zip(*waiting, strict=True)
+        leaves, pieces = np.concatenate(of_leaves), first.joined(others)
+        found = self.found if form.quarters else self.of_rests
         left = np.flatnonzero(np.isfinite(self.found[leaves]) & np.isfinite(found[leaves]))
 
         def look(some: IndexArray) -> tuple[IndexArray, FloatArray]:

@@ -10,7 +10,7 @@ counts as over every triangle it meets.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
 
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.ranges import ranges
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..distance.leaf_surfaces import Tiles
@@ -53,7 +54,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class DrawnTiles:
+class DrawnTiles(Table):
     """Tiles with their leaves (n,) and keys (n,). A key names the drawn triangles below a tile: of a template, of a
     quarter of a control triangle with a pattern of split sides, or of half a quarter of a larger polygon. firsts: (n,),
     the triangle, counted within the leaf, from which the triangles of parts are counted."""
@@ -62,10 +63,6 @@ class DrawnTiles:
     leaves: IndexArray
     keys: IndexArray
     firsts: IndexArray
-
-    def at(self, chosen: IndexArray) -> DrawnTiles:
-        """Chosen tiles, by index."""
-        return DrawnTiles(self.tiles.at(chosen), self.leaves[chosen], self.keys[chosen], self.firsts[chosen])
 
 
 def quarter_keys(patterns: IndexArray, quarters: IndexArray) -> IndexArray:
@@ -159,7 +156,7 @@ ROWS_OF_HALVES = [functionals(QUAD_POINTS[half], WHOLE_QUAD, QUAD_POINTS[half]) 
 
 
 @dataclass(frozen=True)
-class TilesOverTriangles:
+class TilesOverTriangles(Table):
     """n pairs of a tile and a triangle whose region meets the tile. tiles: (n,) intp; triangles: (n,) intp, within the
     templates; weights: (n, 4, 3), of the triangle's corners at the tile's corners. shares: (n,) int8, the share of the
     tile over the triangle: ``ALL``, the half without this corner, or ``SOME``."""
@@ -168,10 +165,6 @@ class TilesOverTriangles:
     triangles: IndexArray
     weights: FloatArray
     shares: NDArray[np.int8]
-
-    def at(self, chosen: IndexArray) -> TilesOverTriangles:
-        """Chosen tiles, by index."""
-        return TilesOverTriangles(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 def over_triangles(keys: IndexArray, squares: Squares) -> TilesOverTriangles:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Array types, chunks, matrix products, vectors, threads."""
+"""Array types, chunks, matrix products, tables, threads, vectors."""

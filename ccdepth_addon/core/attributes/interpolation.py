@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..adaptive.subdivided_mesh import SubdividedMesh
-from ..arrays.chunks import AT_ONCE, chunks
+from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.surface_points import SurfacePoints, interpolate_linearly
@@ -29,7 +29,7 @@ def interpolated(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePo
     corner_values: (C, D), at the corners of the control mesh.
     """
     values = np.empty((len(points.corners), corner_values.shape[1]), dtype=np.float32)
-    for block in chunks(len(values), AT_ONCE):
+    for block in index_chunks(np.arange(len(values)), AT_ONCE):
         values[block] = interpolate_linearly(mesh, corner_values, points.at(block))
     return values
 

@@ -18,7 +18,8 @@ from itertools import product
 
 import numpy as np
 
-from ..arrays.types import FloatArray, IndexArray
+from ..arrays.tables import Table
+from ..arrays.types import FloatArray
 from ..arrays.vectors import squared_norms
 from ..surface.bicubic import (
     SECOND_DIFFERENCE,
@@ -72,7 +73,7 @@ def control_facet_bounds(net: FloatArray, at_corners: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class LaterBounds:
+class LaterBounds(Table):
     """Bounds of P patches for the facets of every later level: (P,) float64 each.
 
     Upper bounds. together: of ‖A + B‖; apart: of the combinations with one weight at its least; curves: of ‖A‖ and ‖B‖;
@@ -89,12 +90,7 @@ class LaterBounds:
     change: FloatArray
     at_corners: FloatArray
 
-    def of(self, chosen: IndexArray) -> LaterBounds:
-        """The bounds of some of the patches, by index."""
-        own = (self.together, self.apart, self.curves, self.twist, self.change, self.at_corners)
-        return LaterBounds(self.vertices, *(bounds.take(chosen) for bounds in own))
-
-    def at(self, levels: int) -> FloatArray:
+    def after(self, levels: int) -> FloatArray:
         """(P,) float64: upper bounds of ‖L - S‖, a number of levels after the patch's own."""
         h = 0.5**levels
         scale = h * h * SCALE[self.vertices]

@@ -10,12 +10,13 @@ own derivations are in docs/methods.md.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
-from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.tables import Table
+from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import largest_norm
 from ..surface.patches import PatchKind, faces_on_grids, regular_nets
@@ -49,7 +50,7 @@ class Method(StrEnum):
 
 
 @dataclass(frozen=True)
-class PatchBounds:
+class PatchBounds(Table):
     """Bounds of P patches for every level from their own on: ``value · factors[j]`` after j more levels.
 
     Beyond the factors the last ``period`` of them recur, times ``rate`` each time.
@@ -61,15 +62,11 @@ class PatchBounds:
     factors: tuple[float, ...] = (1.0,)
     period: int = 1
 
-    def at(self, levels: int) -> FloatArray:
+    def after(self, levels: int) -> FloatArray:
         """(P,) float64: the bound a number of levels later."""
         beyond = max(levels - (len(self.factors) - 1), 0)
         rounds = -(-beyond // self.period)
         return self.value * (self.factors[levels - rounds * self.period] * self.rate**rounds)
-
-    def of(self, wanted: BoolArray) -> PatchBounds:
-        """The bounds of some of the patches: (P,) bool."""
-        return replace(self, value=self.value[wanted])
 
 
 def published_rate(valence: int) -> float:

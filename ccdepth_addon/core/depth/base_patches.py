@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import LaterBounds, later_bounds
 from ..bounds.norm_bounds import PatchBounds, Vertices, second_order_regular
@@ -71,8 +72,8 @@ class RegularPatches:
         """Chosen patches, by index."""
         if len(chosen) == len(self.bases):
             return self
-        rough = None if self.rough is None else replace(self.rough, value=self.rough.value[chosen])
-        later = None if self.later is None else self.later.of(chosen)
+        rough = None if self.rough is None else self.rough.at(chosen)
+        later = None if self.later is None else self.later.at(chosen)
         twist = None if self.twist is None else self.twist[chosen]
         return RegularPatches(self.level, self.bases[chosen], self.rows[chosen], self.nets, rough, later, twist)
 
@@ -108,16 +109,12 @@ class RegularPatches:
         return self.twist * 0.25**levels
 
 
-@dataclass
-class ExtraordinaryPatches:
+@dataclass(frozen=True)
+class ExtraordinaryPatches(Table, nets=1):
     """Extraordinary patches of one valence at the level being evaluated: (P,) base faces, (2n + 8, P, 3) nets."""
 
     bases: IndexArray
     nets: FloatArray
-
-    def at(self, chosen: IndexArray) -> ExtraordinaryPatches:
-        """Chosen patches, by index."""
-        return ExtraordinaryPatches(self.bases[chosen], self.nets.take(chosen, axis=1))
 
     def corners(self, vertices: Vertices) -> FloatArray:
         """(4, P, 3): the corners of their facets, in the face's order."""

@@ -226,7 +226,7 @@ class _CertifiedSearch:
         # The slowest to converge comes first: it disproves most levels, and then the many regular patches need not be
         # evaluated.
         for patches in self.extraordinary:
-            patches = patches.at(np.flatnonzero(decision.wanted[patches.bases]))
+            patches = patches.at(decision.wanted[patches.bases])
             self._evaluate_extraordinary(decision, patches, patches.corners(self.vertices))
         evaluated = self._evaluate_patches(decision, level)
         self._evaluate_refinement(decision)
@@ -247,7 +247,7 @@ class _CertifiedSearch:
         """
         for place, patches in enumerate(self.patches):
             if patches.level == own:
-                rough = patches.rough_bounds(self.vertices).at(level - own)
+                rough = patches.rough_bounds(self.vertices).after(level - own)
                 if self.as_drawn:
                     rough = rough + patches.off_drawn(level - own, self.vertices, self.test)
                 self.patches[place] = patches.at(_undecided(decision, patches.bases, rough))
@@ -256,7 +256,7 @@ class _CertifiedSearch:
             return
         of_valences = []
         for extraordinary in self.extraordinary:
-            bounds = sharp_extraordinary(extraordinary.nets, self.vertices).at(level - own)
+            bounds = sharp_extraordinary(extraordinary.nets, self.vertices).after(level - own)
             of_valences.append(extraordinary.at(_undecided(decision, extraordinary.bases, bounds)))
         self.extraordinary = of_valences
         refinement = self.refinement
@@ -269,7 +269,7 @@ class _CertifiedSearch:
     def _descend(self, wanted: BoolArray) -> None:
         """Refine the wanted base faces to the next level."""
         self.patches = [patches.of(wanted) for patches in self.patches]
-        kept = (patches.at(np.flatnonzero(wanted[patches.bases])) for patches in self.extraordinary)
+        kept = (patches.at(wanted[patches.bases]) for patches in self.extraordinary)
         self.extraordinary = []
         for patches in kept:
             refined, bases, nets = patches.refined()
@@ -331,7 +331,7 @@ class _CertifiedSearch:
                 continue
             levels = level - patches.level
             if self.refinement is not None:
-                near = self.test.within(patches.rough_bounds(self.vertices).at(levels) + decision.off[patches.bases])
+                near = self.test.within(patches.rough_bounds(self.vertices).after(levels) + decision.off[patches.bases])
                 evaluated.append(patches.at(np.flatnonzero(near)))
                 patches = patches.at(np.flatnonzero(~near))
             self._evaluate_nets(decision, patches, levels)
@@ -364,13 +364,13 @@ class _CertifiedSearch:
         if not self._has_later_bounds(levels):
             return self._control_bounds(patches.compact())
         later = patches.later_bounds(self.vertices)
-        return later.at(levels), later.least(levels)
+        return later.after(levels), later.least(levels)
 
     def _closer_bounds(self, nets: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
         """(P,) each: upper bounds from the nets (4, 4, P, 3), and sampled distances."""
         if not self._has_later_bounds(levels):
             return self._control_bounds(nets)
-        return later_bounds(nets, self.vertices).at(levels), sampled_error(nets, self.vertices, levels)
+        return later_bounds(nets, self.vertices).after(levels), sampled_error(nets, self.vertices, levels)
 
     def _control_bounds(self, nets: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(P,) each: upper and lower bounds for the control facets of the nets' own level. Corners alone disprove most
@@ -385,7 +385,7 @@ class _CertifiedSearch:
         """Record better bounds of settled faces' patches where they may hold the face's largest distance."""
         levels = level - patches.level
         if patches.rough is not None:
-            within_reach = patches.rough.at(levels) > decision.lower[patches.bases]
+            within_reach = patches.rough.after(levels) > decision.lower[patches.bases]
             patches = patches.at(np.flatnonzero(within_reach))
         elif not self._has_later_bounds(levels):
             # The evaluation of the patches has recorded these bounds.

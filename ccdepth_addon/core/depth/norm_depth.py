@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, index_chunks
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import PatchBounds, PatchMethod, Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
@@ -63,7 +64,7 @@ def norm_level_bounds(
     evaluation = _NormEvaluation(test, method, vertices, tick)
     patches = classify_patches(mesh)
     for some, bounds in evaluation.patch_bounds(mesh, patches, faces):
-        yield evaluation.proved(some, bounds.at(level))
+        yield evaluation.proved(some, bounds.after(level))
     irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
     for some in index_chunks(irregular, FEW_AT_ONCE):
         yield evaluation.irregular_at(mesh, some, level)
@@ -77,17 +78,12 @@ def bounds_fall(patches: PatchKinds, method: PatchMethod) -> BoolArray:
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _Piece(Table):
     """Descendants of one kind that appear at one level: the base face of each (an index), and their bounds."""
 
     level: int
     bases: IndexArray
     bounds: PatchBounds
-
-    def of(self, wanted: BoolArray) -> _Piece:
-        """The descendants of the wanted base faces: (base faces,) bool."""
-        kept = wanted[self.bases]
-        return _Piece(self.level, self.bases[kept], self.bounds.of(kept))
 
 
 @dataclass(frozen=True)
@@ -117,7 +113,7 @@ class _NormEvaluation:
         result = FaceDepths.undecided(faces)
         level = 0
         while np.any(result.depths < 0):
-            reached = bounds.at(level)
+            reached = bounds.after(level)
             result.settle((result.depths < 0) & self.test.within(reached), level, reached + self.test.allowance)
             level += 1
         return result
@@ -133,7 +129,7 @@ class _NormEvaluation:
             pieces += found
             reached = self._bounds_at(level, pieces, refinement, len(faces))
             result.settle((result.depths < 0) & self.test.within(reached), level, reached + self.test.allowance)
-            pieces = [piece.of(result.depths < 0) for piece in pieces]
+            pieces = [piece.at(result.depths[piece.bases] < 0) for piece in pieces]
             refinement = refinement.of(result.depths < 0).refined()
             level += 1
             self.tick()
@@ -188,5 +184,5 @@ class _NormEvaluation:
         """(base faces,) float64: the largest bound at a level of each one's pieces."""
         reached = np.zeros(face_count)
         for piece in pieces:
-            np.maximum.at(reached, piece.bases, piece.bounds.at(level - piece.level))
+            np.maximum.at(reached, piece.bases, piece.bounds.after(level - piece.level))
         return reached

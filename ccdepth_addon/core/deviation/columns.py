@@ -1,54 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tables of things, pairs that spread to neighbours, and functionals of many points at once, one column each."""
+"""Pairs that spread to neighbours, and functionals of many points at once, one column each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
 
 # Stands where there is no such thing.
 NONE = -1
-
-
-@dataclass(frozen=True)
-class Table:
-    """N things with arrays of their properties, or tables in turn. AXIS: of the things in all arrays."""
-
-    AXIS: ClassVar[int] = 0
-
-    def at(self, chosen: NDArray[Any]) -> Self:
-        """Chosen things, by index or (N,) bool."""
-        chosen = np.flatnonzero(chosen) if chosen.dtype == bool else chosen
-        return replace(
-            self,
-            **{
-                name: each.at(chosen) if isinstance(each, Table) else each.take(chosen, axis=self.AXIS)
-                for name, each in vars(self).items()
-            },
-        )
-
-    def joined(self, others: list[Self]) -> Self:
-        """These things and then those of others."""
-        columns = {name: [vars(each)[name] for each in [self, *others]] for name in vars(self)}
-        return replace(
-            self,
-            **{
-                name: parts[0].joined(parts[1:]) if isinstance(parts[0], Table) else np.concatenate(parts, self.AXIS)
-                for name, parts in columns.items()
-            },
-        )
-
-
-@dataclass(frozen=True)
-class ColumnTable(Table):
-    """N things, the last axis of all arrays."""
-
-    AXIS = -1
 
 
 class Spread:

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import SIDES, BezierPieces
-from .columns import NONE, ColumnTable, Spread, applied, columns, products
+from .columns import NONE, Spread, applied, columns, products
 from .heights import SideViews, Views, axes_across, largest_of_each, plane_functionals
 from .windings import facing, windings
 
@@ -43,7 +44,7 @@ MOVED_MORE = 1.02
 
 
 @dataclass(frozen=True)
-class Regions(ColumnTable):
+class Regions(Table, axis=-1):
     """n parts of triangles as seen along directions. corners: (3, 3, n), each with its coordinates; normals: (3, n), of
     their triangles. directions: (3, n). sides: of the regions, which contain the parts before and after moving. axes:
     (2, 3, n), across. places: (3, n), where covering is counted. towards: (2, n), the direction across in which parts
@@ -99,7 +100,7 @@ class Regions(ColumnTable):
 
 
 @dataclass(frozen=True)
-class Over(ColumnTable):
+class Over(Table, axis=-1):
     """K leaves over parts. owners, leaves: (K,) intp. inside: (3, 16, K), distances inside the sides; heights: (16, K);
     across: (2, 16, K), from the place where covering is counted; excess: (K,)."""
 

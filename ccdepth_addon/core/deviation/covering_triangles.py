@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
-from .columns import NONE, ColumnTable, Spread, applied, columns
+from .columns import NONE, Spread, applied, columns
 from .heights import SideViews, Views, axes_across, largest_of_each, plane_functionals
 from .triangles import Triangles
 
@@ -51,7 +52,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Under(ColumnTable):
+class Under(Table, axis=-1):
     """K triangles under pieces. owners, which: (K,) intp, the pieces and the triangles; meets: (3, K) bool, the sides
     that may lie under the piece; views: of the pieces over the triangles."""
 

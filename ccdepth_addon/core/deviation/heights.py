@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import CORNERS
-from .columns import NONE, ColumnTable, crosses, products
+from .columns import NONE, crosses, products
 
 # A side of a triangle has no side to speak of when it is seen at less than this sine.
 STEEP = 1e-3
@@ -31,7 +32,7 @@ PAIRS_OF_SIDES = ((0, 1), (1, 2), (2, 0))
 
 
 @dataclass(frozen=True)
-class SideViews(ColumnTable):
+class SideViews(Table, axis=-1):
     """N triangles seen along directions. inward: (3, 3, N), for each side a unit vector across the direction, inwards;
     zero where a side is seen end on, or the third corner lies too near its line. offsets: (3, N); ``inward · x +
     offsets`` is the distance of x inside."""
@@ -56,7 +57,7 @@ class SideViews(ColumnTable):
 
 
 @dataclass(frozen=True)
-class Views(ColumnTable):
+class Views(Table, axis=-1):
     """N pairs of a Bézier piece and a triangle, seen along a direction, in coefficients (Bernstein).
 
     inside: (3, 16, N), distances inside each side. heights: (16, N), over the triangle's plane along the direction.

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import dot_products, lengths, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, first_of_each
-from .columns import Table, columns
+from .columns import columns
 from .covering_pieces import EXCESS_SHARE, over_pieces
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles, distance_slack, to_quads, to_triangles

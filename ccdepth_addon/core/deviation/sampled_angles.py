@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, chunks, index_chunks
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import angles_between, dot_products, lengths, units
 from ..mesh.polygon_mesh import PolygonMesh
@@ -90,7 +91,7 @@ class Shaded:
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(Table):
     """N places (N, 3) with unit normals (N, 3), and the drawn triangle (N,) of each, if known."""
 
     places: FloatArray
@@ -166,7 +167,7 @@ class SampledSurface:
         drawn, counts = Shaded.of(positions, corners, normals, tick), np.ones(len(corners), dtype=bool)
         near = _nearest(self._samples, drawn, tick)
         is_kept = kept._compare(self._samples, drawn, near, limit, counts, tick)[0] <= limit
-        kept._samples = Samples(self._samples.places[is_kept], self._samples.normals[is_kept])
+        kept._samples = self._samples.at(is_kept)
         return kept
 
     def normals_of(self, positions: FloatArray, corners: IndexArray, same: float, tick: Tick) -> FloatArray:

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import FEW_AT_ONCE, index_chunks
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import lengths, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
 from .box_tree import first_of_each
-from .columns import NONE, Table
+from .columns import NONE
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles

@@ -7,7 +7,7 @@ Regular faces without feet, as at borders, have bounds at equal parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,8 +82,7 @@ class FaceFeet:
             return foot_bounds(_nets(mesh, some), vertices, is_turned[some])
 
         parts = list(map_in_threads(bound, index_chunks(regular, FEW_AT_ONCE), tick))
-        names = [field.name for field in fields(FootBounds)]
-        whole = FootBounds(*(np.concatenate([np.zeros(0), *(vars(part)[name] for part in parts)]) for name in names))
+        whole = FootBounds(*np.zeros((8, 0))).joined(parts)
         places = np.full(mesh.face_count, -1)
         places[regular] = np.arange(len(regular))
         at_vertices = np.zeros((2, mesh.vertex_count))
@@ -153,10 +152,10 @@ class FaceFeet:
         places, size = self.places[faces], 0.5**level
         found, on_leaves = np.full((2, len(faces)), np.inf)
         if shown is self.vertices:
-            own = FootBounds(*(column[places] for column in vars(self.whole).values()))
+            own = self.whole.at(places)
             equal = self.equal[places] * size**2
             found, on_leaves = (
-                np.minimum(own.at(level, own.curvature, own.speed, longest), equal) for longest in (1.0, size)
+                np.minimum(own.at_level(level, own.curvature, own.speed, longest), equal) for longest in (1.0, size)
             )
         middle = self.whole.middle if shown is self.vertices else self.whole.control_middle
         may_be_within = (on_leaves > limit) & (middle[places] * size**2 <= limit)
@@ -196,7 +195,7 @@ class FaceFeet:
                 break
             constants = self.whole.curvature[places[which]], self.whole.speed[places[which]]
             own = foot_bounds(nets, shown, self.is_turned[places[which]])
-            bounds, short = own.at(level - split, *constants), own.at(level - split, *constants, 0.5**level)
+            bounds, short = own.at_level(level - split, *constants), own.at_level(level - split, *constants, 0.5**level)
             is_beyond[which[own.middle * 0.25 ** (level - split) > limit]] = True
             is_left = short > limit
             if split >= NET_SPLITS:

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays.matrix_products import matrix_product
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray
 from ..bounds.norm_bounds import Vertices
 from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, tensor
@@ -51,7 +52,7 @@ LARGEST_TILT = 0.7
 
 
 @dataclass(frozen=True)
-class FootBounds:
+class FootBounds(Table):
     """The constants of P faces from which feet follow at every level.
 
     second, fourth: (P,) float64, lengths with |n·e| ≤ second h² + fourth h⁴ =: b. reach: (P,), with ‖e‖ ≤ reach h² =:
@@ -71,7 +72,7 @@ class FootBounds:
     middle: FloatArray
     control_middle: FloatArray
 
-    def at(self, level: int, curvature: FloatArray, speed: FloatArray, longest: float = 1.0) -> FloatArray:
+    def at_level(self, level: int, curvature: FloatArray, speed: FloatArray, longest: float = 1.0) -> FloatArray:
         """(P,): B = b + κw², a bound of the distance between the level's triangles of each face and the surface, and
         between the surface over the face and the triangles of the face and of the faces that touch it; infinite where
         nothing is proved.
@@ -88,7 +89,8 @@ class FootBounds:
 def foot_distances(
     along: FloatArray, reach: FloatArray, curvature: FloatArray, speed: FloatArray, longest: float
 ) -> FloatArray:
-    """(P,): B from b, w, κ and α, (P,) each; infinite where Lemma 1 does not hold. longest: as in ``FootBounds.at``."""
+    """(P,): B from b, w, κ and α, (P,) each; infinite where Lemma 1 does not hold. longest: as of
+    ``FootBounds.at_level``."""
     with np.errstate(invalid="ignore", over="ignore"):
         bounds = along + curvature * reach**2
         proved = (curvature * bounds <= 0.5 - ROUNDING) & (2 * reach * speed <= longest * (1 - ROUNDING))

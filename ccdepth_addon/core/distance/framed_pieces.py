@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.matrix_products import matrix_product
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import component_major, cross_products, dot_products, lengths, selected_vectors, units
+from ..arrays.vectors import component_major, cross_products, dot_products, lengths, units
 from ..surface.bicubic import HALVES
 from ..surface.triangle_coefficients import triangle_quarters
 from .piece_hulls import CORNERS_OF, Pieces, all_points, are_alike
@@ -32,14 +33,14 @@ FINER = {
 
 
 @dataclass(frozen=True)
-class FramedPieces:
+class FramedPieces(Table, corners=-2, vectors=-2, sides=-2, points=-2, radii=-1, on_vectors=-1):
     """P pieces in the frames of their triangles.
 
     own: (P,), the triangles; turns: (P,), the corner and the side of each that count as corner 0 and side 0. corners,
     vectors: (3, P, 3), T and N; sides: (3, P, 3), from corner k to k + 1; points: (R, P, 3), the hull points, seen from
-    corner 0. radii: (3, P), bounds of the distance of hull and drawn points from each corner. on_vectors: the rows of
-    hull points that may be at corners, and whether each lies on the vector of each corner, (3, n, P). sizes: (P,), the
-    longest sides of the triangles. heights: (P,), the largest heights over the triangles' planes.
+    corner 0. radii: (3, P), bounds of the distance of hull and drawn points from each corner. rows: n hull points that
+    may be at corners; on_vectors: (3, n, P) bool, whether each of these lies on the vector of each corner. sizes: (P,),
+    the longest sides of the triangles. heights: (P,), the largest heights over the triangles' planes.
     """
 
     own: IndexArray
@@ -49,7 +50,8 @@ class FramedPieces:
     sides: FloatArray
     points: FloatArray
     radii: FloatArray
-    on_vectors: tuple[list[int], BoolArray]
+    rows: list[int]
+    on_vectors: BoolArray
     sizes: FloatArray
     heights: FloatArray
 
@@ -86,26 +88,7 @@ class FramedPieces:
             high = np.flatnonzero(heights > shell.ranges[own] * shell.cosines[own])
             finer = matrix_product(FINER[len(over_plane)], over_plane[:, high])
             heights[high] = np.abs(finer).max(axis=0, initial=0.0) * (1 + ROUNDING)
-        return FramedPieces(own, turns, corners, vectors, sides, points, radii, (rows, is_on), sizes, heights)
-
-    def at(self, chosen: IndexArray) -> FramedPieces:
-        """Chosen pieces, by index."""
-        rows, is_on = self.on_vectors
-        corners, vectors, sides, points = (
-            selected_vectors(each, chosen) for each in (self.corners, self.vectors, self.sides, self.points)
-        )
-        return FramedPieces(
-            self.own[chosen],
-            self.turns[chosen],
-            corners,
-            vectors,
-            sides,
-            points,
-            self.radii[:, chosen],
-            (rows, is_on[..., chosen]),
-            self.sizes[chosen],
-            self.heights[chosen],
-        )
+        return FramedPieces(own, turns, corners, vectors, sides, points, radii, rows, is_on, sizes, heights)
 
     def along(self, directions: FloatArray, corner: int) -> FloatArray:
         """(R, P): the components of hull points, seen from a corner, along directions (P, 3)."""
@@ -116,12 +99,11 @@ class FramedPieces:
 
     def include_on_vector(self, found: BoolArray, corner: int) -> None:
         """Set found (R, P) to True at points on the vector of a corner."""
-        rows, is_on = self.on_vectors
-        found[rows] |= is_on[corner]
+        found[self.rows] |= self.on_vectors[corner]
 
 
 @dataclass(frozen=True)
-class Wall:
+class Wall(Table, inwards=-2):
     """The wall over a side, seen from a corner. inwards: (P, 3), the unit normal of the plane of side and vector, on
     the wanted side. lengths: (P,), of the side's component across the vector. margins: (P,), m with inwards·r ≤ m|r|
     for points r of the wall, |r| their distance from the vector; infinite where no such bound is known."""
@@ -142,7 +124,7 @@ class Wall:
 
 
 @dataclass(frozen=True)
-class Side:
+class Side(Table, heights=-1, are_inside=-1):
     """A side with its walls, seen from both ends. heights: (R, P) for each end, of hull points over the plane of the
     wall; are_inside: (R, P) bool, whether points are on the inner side of the wall, or on the vector of an end."""
 
@@ -166,16 +148,6 @@ class Side:
         first, second = self.are_inside
         found: BoolArray = first.all(axis=0) | second.all(axis=0)
         return found
-
-    def at(self, chosen: IndexArray) -> Side:
-        """The side for chosen pieces, by index."""
-        first, second = (Wall(each.inwards[chosen], each.lengths[chosen], each.margins[chosen]) for each in self.walls)
-        heights, are_inside = self.heights, self.are_inside
-        return Side(
-            (first, second),
-            (heights[0][:, chosen], heights[1][:, chosen]),
-            (are_inside[0][:, chosen], are_inside[1][:, chosen]),
-        )
 
 
 def are_in_front(seen: FramedPieces, sides: Sequence[Side]) -> BoolArray:

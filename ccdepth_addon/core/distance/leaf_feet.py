@@ -60,10 +60,10 @@ def _quarters(vertices: Vertices) -> list[_Quarter]:
 def leaf_feet(
     nets: FloatArray, vertices: Vertices, curvature: FloatArray, speed: FloatArray, longest: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(P,) each, for nets (16, 3, P) of regular leaves drawn with the diagonal from corner 0 to 2: B, as in
-    ``FootBounds.at``, with feet up to 1 from equal parameters; B with feet up to ``longest``; and an estimate of the
-    largest distance at points of the triangles, without proof. curvature, speed: (P,), κ and α of all of the surface
-    within reach of feet.
+    """(P,) each, for nets (16, 3, P) of regular leaves drawn with the diagonal from corner 0 to 2: B, as of
+    ``FootBounds.at_level``, with feet up to 1 from equal parameters; B with feet up to ``longest``; and an estimate of
+    the largest distance at points of the triangles, without proof. curvature, speed: (P,), κ and α of all of the
+    surface within reach of feet.
     """
     nets = nets - matrix_product(MIDDLE[:1], nets.reshape(16, -1)).reshape(1, *nets.shape[1:])
     along, reach, reached = np.zeros((3, nets.shape[2]))

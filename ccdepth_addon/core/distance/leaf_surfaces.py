@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import reduce
 from itertools import product
 
 import numpy as np
 
 from ..arrays.ranges import ranges
+from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import cross_products, joined_vectors, selected_vectors
+from ..arrays.vectors import cross_products
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces
 from ..surface.bicubic import NET_TO_BERNSTEIN
@@ -45,25 +45,13 @@ BOX_CORNERS = np.array(list(product((0, 1), repeat=3)))
 
 
 @dataclass(frozen=True)
-class Tiles:
+class Tiles(Table, points=-2):
     """P parts of the surface over squares of quads' parameters. points: (R, P, 3), 16 Bernstein coefficients, or any
     points whose hull holds the part. are_bicubic: whether the points are coefficients."""
 
     squares: Squares
     points: FloatArray
     are_bicubic: bool = True
-
-    def at(self, chosen: IndexArray) -> Tiles:
-        """Chosen tiles, by index."""
-        return Tiles(self.squares.at(chosen), selected_vectors(self.points, chosen), self.are_bicubic)
-
-
-def joined_tiles(tiles: list[Tiles], are_bicubic: bool = True) -> Tiles:
-    """Tiles with equal numbers of points, joined."""
-    nothing = Tiles(Squares.whole(0), np.zeros((len(tiles[0].points) if tiles else 16, 0, 3)))
-    squares = reduce(Squares.and_then, (each.squares for each in tiles), nothing.squares)
-    points = joined_vectors([nothing.points, *(each.points for each in tiles)])
-    return Tiles(squares, points, are_bicubic)
 
 
 def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import joined_vectors, lengths, selected_vectors, transformed_nets
+from ..arrays.vectors import lengths, transformed_nets
 
 # The sides of squares and triangles, by the number of drawn points: the corners of each side among the points, and the
 # points on the side. Four drawn points have a hull of another order.
@@ -27,7 +28,7 @@ CORNERS_OF = {count: [start for start, _, _ in sides] for count, sides in SIDES.
 
 
 @dataclass(frozen=True)
-class Pieces:
+class Pieces(Table, hulls=-2, flats=-2):
     """P pieces of the surface. triangles: (P,) intp, of a shell. hulls: (R, P, 3), points whose hull holds the piece.
     flats: (R', P, 3), points of the triangle's plane whose hull holds the drawn points at equal parameters; R' is R
     where both are coefficients of the same order."""
@@ -36,20 +37,10 @@ class Pieces:
     hulls: FloatArray
     flats: FloatArray
 
-    def at(self, chosen: IndexArray) -> Pieces:
-        """Chosen pieces, by index."""
-        hulls, flats = (selected_vectors(each, chosen) for each in (self.hulls, self.flats))
-        return Pieces(self.triangles[chosen], hulls, flats)
-
-    @staticmethod
-    def joined(pieces: Sequence[Pieces]) -> Pieces:
-        """Pieces of one form, one after the other."""
-        hulls, flats = (joined_vectors([getattr(each, name) for each in pieces]) for name in ("hulls", "flats"))
-        return Pieces(np.concatenate([each.triangles for each in pieces]), hulls, flats)
-
     def divided(self, parts: Sequence[FloatArray]) -> Pieces:
         """The parts of pieces, as of ``part``: all first parts, then all second parts, and so on."""
-        return Pieces.joined([self.part(rows) for rows in parts])
+        first, *others = (self.part(rows) for rows in parts)
+        return first.joined(others)
 
     def part(self, rows: FloatArray) -> Pieces:
         """A part of each piece. rows: (R, R), from the coefficients of a piece to the coefficients of the part."""

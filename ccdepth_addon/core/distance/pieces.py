@@ -104,8 +104,8 @@ def _include(
             if is_last or split >= SETTLED_AT:
                 found[counts > before] = np.inf
             left.append((own[is_open], some.at(np.flatnonzero(is_open))))
-        left = [_still_open(found, *each) for each in left]
-        bases, pieces = np.concatenate([own for own, _ in left]), Pieces.joined([some for _, some in left])
+        owners, (first, *others) = zip(*(_still_open(found, *each) for each in left), strict=True)
+        bases, pieces = np.concatenate(owners), first.joined(others)
         before = counts
         if not len(bases):
             return

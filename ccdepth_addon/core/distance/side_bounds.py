@@ -55,7 +55,7 @@ def _curves_on(shell: Shell, pieces: Pieces, counted: BoolArray) -> tuple[IndexA
             which.append(own)
             turns.append(np.full(len(own), turn))
             curves.append(Pieces(pieces.triangles, hulls, pieces.flats[rows]).at(own))
-    return np.concatenate(which), np.concatenate(turns), Pieces.joined(curves)
+    return np.concatenate(which), np.concatenate(turns), curves[0].joined(curves[1:])
 
 
 def _are_on_side(shell: Shell, triangles: IndexArray, side: int, points: FloatArray) -> BoolArray:

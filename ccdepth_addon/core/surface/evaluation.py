@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks
+from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
@@ -106,15 +107,12 @@ def evaluate(mesh: PolygonMesh, points: SurfacePoints, quantity: Quantity, colum
 
 
 @dataclass(frozen=True)
-class _Pending:
+class _Pending(Table):
     """Points on a mesh that are still to be evaluated. rows: (N,) intp, their rows in the result."""
 
     mesh: PolygonMesh
     points: SurfacePoints
     rows: IndexArray
-
-    def at(self, chosen: IndexArray) -> _Pending:
-        return _Pending(self.mesh, self.points.at(chosen), self.rows[chosen])
 
     def faces(self) -> IndexArray:
         return self.mesh.corner_faces[self.points.corners]

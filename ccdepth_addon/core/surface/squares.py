@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
 
 # The corners of a quad's parameters.
@@ -35,7 +36,7 @@ WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
 
 
 @dataclass(frozen=True)
-class Squares:
+class Squares(Table):
     """N square parts of the parameters of quads.
 
     bases: (N,) intp, the quad of each; origins: (N, 2), their corners 0; axes: (N, 2, 2), the sides from there to
@@ -52,10 +53,6 @@ class Squares:
         axes = np.broadcast_to(np.eye(2), (count, 2, 2))
         return Squares(np.arange(count), np.zeros((count, 2)), axes)
 
-    def at(self, chosen: IndexArray) -> Squares:
-        """Chosen squares, by index."""
-        return Squares(self.bases[chosen], self.origins[chosen], self.axes[chosen])
-
     def children(self) -> Squares:
         """The four children of each, from corner 0 on; corner 0 of a child is a corner of the square."""
         origins = self.origins[:, None] + np.einsum("ci,nij->ncj", SQUARE, self.axes)
@@ -70,11 +67,3 @@ class Squares:
         """(N,): their sides."""
         found: FloatArray = np.abs(self.axes[:, 0]).max(axis=1)
         return found
-
-    def and_then(self, other: Squares) -> Squares:
-        """The squares, followed by others."""
-        return Squares(
-            np.concatenate([self.bases, other.bases]),
-            np.concatenate([self.origins, other.origins]),
-            np.concatenate([self.axes, other.axes]),
-        )

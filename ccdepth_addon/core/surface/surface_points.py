@@ -12,21 +12,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 
 
 @dataclass(frozen=True)
-class SurfacePoints:
+class SurfacePoints(Table):
     """N points of the limit surface. corners: (N,) intp, corners of the control mesh; parameters: (N, 2) float64,
     within the quarters of the corners."""
 
     corners: IndexArray
     parameters: FloatArray
-
-    def at(self, chosen: IndexArray | slice) -> SurfacePoints:
-        """Chosen points, by index."""
-        return SurfacePoints(self.corners[chosen], self.parameters[chosen])
 
 
 def interpolate_linearly(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePoints) -> FloatArray:
