@@ -36,6 +36,7 @@ from .depth.pose_depths import Pose, PoseDepths, deepest_pose, pose_depths, rais
 from .depth.tolerance import FaceDepths
 from .deviation import Deviation, SampledSurface, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from .mesh.touching_faces import surface_boxes
 from .mesh.validation import InvalidMeshError, validate
 from .progress import Progress, no_report, part_of
 from .reduction import Attempt, Places, Proof, Reduction, TriangleMesh
@@ -43,7 +44,7 @@ from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
-from .tolerance.surface_views import Seen, View, length_in_views, most_pixels, seen_by
+from .tolerance.surface_views import View, most_pixels, pixel_lengths
 from .tolerance.variation import ToleranceError, Variation
 
 __all__ = [
@@ -69,7 +70,6 @@ __all__ = [
     "Proof",
     "Reduction",
     "SampledSurface",
-    "Seen",
     "ShortIndexArray",
     "SubdividedMesh",
     "SurfacePoints",
@@ -93,7 +93,6 @@ __all__ = [
     "interpolated",
     "interpolated_at_vertices",
     "largest_coordinates",
-    "length_in_views",
     "limit_normals",
     "limit_values",
     "measure_deviation",
@@ -102,13 +101,14 @@ __all__ = [
     "needed_quality",
     "no_report",
     "part_of",
+    "pixel_lengths",
     "polygon_mesh",
     "pose_depths",
     "raised_depths",
     "rounding_allowance",
-    "seen_by",
     "smallest_step",
     "subdivide_adaptively",
+    "surface_boxes",
     "uniform_level",
     "validate",
 ]

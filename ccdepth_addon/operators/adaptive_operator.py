@@ -176,7 +176,7 @@ def _notes(task: AdaptiveTask, settings: AdaptiveSettings, exact_normals: bool) 
     """Notes on sculpting, custom normals, shape keys and weights with an outcome that would surprise a user."""
     [source] = still_there([task.targets[0].source])
     notes, use_modifiers = [], settings.use_modifiers
-    if settings.tolerance_by == "VERTEX_GROUP" and task.least_factor == settings.coarsest > 1:
+    if settings.tolerance_by == "VERTEX_GROUP" and task.surface.least_factor == settings.coarsest > 1:
         notes.append(f"“{settings.vertex_group}” has no weight above 0: the tolerance is the coarsest everywhere")
     if left_out_sculpting(source, use_modifiers=use_modifiers):
         notes.append("its Multiresolution modifier is not included, so the result lacks its sculpting")

@@ -141,7 +141,7 @@ class AdaptiveTask:
     targets: the objects that get it, first the object it is made for; their sources have one mesh.
     dependencies: further data of the objects that the result depends on. surface: of the first target. allowance: the
     rounding of distances there, a length in the scene; stored: its part from storing positions. is_smooth: (F,) whether
-    faces of the control mesh are shaded smooth. variation: of the tolerance; None for the same everywhere.
+    faces of the control mesh are shaded smooth.
     """
 
     targets: list[Target]
@@ -150,7 +150,6 @@ class AdaptiveTask:
     allowance: float
     stored: float
     is_smooth: NDArray[np.bool_]
-    variation: Variation | None
 
     @property
     def object_names(self) -> list[str]:
@@ -173,14 +172,9 @@ class AdaptiveTask:
         return tuple((gram / max(np.trace(gram), np.finfo(float).tiny)).ravel().round(SHAPE_DECIMALS).tolist())
 
     @property
-    def least_factor(self) -> float:
-        """The least factor on the tolerance anywhere."""
-        return 1.0 if self.variation is None else self.variation.least_factor
-
-    @property
     def least_tolerance(self) -> float:
         """The least tolerance accepted, a length in the scene."""
-        return max(smallest_step(self.surface.control.in_world), 2 * self.allowance) / self.least_factor
+        return max(smallest_step(self.surface.control.in_world), 2 * self.allowance) / self.surface.least_factor
 
     def longest_edge(self, settings: AdaptiveSettings) -> float:
         """The longest edge where the mesh is made, that its edges are short enough for all of its objects: a length in
@@ -208,7 +202,7 @@ class AdaptiveTask:
             stored=self.stored,
             longest_edge=self.longest_edge(settings),
             rounding=self.allowance,
-            variation=self.variation,
+            variation=self.surface.variation,
         )
 
 
@@ -273,13 +267,14 @@ def _united(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> list[Adapt
         shape = task.shape_of_scale if task.has_angles(settings) else None
         key = task.targets[0].source.mesh_uid, task.dependencies, task.surface.control.key, shape
         alike.setdefault(key, []).append(task)
-    kept: set[int] = set()
+    kept: dict[int, AdaptiveTask] = {}
     for group in alike.values():
         for better, dominated in surfaces_covering_others([task.surface for task in group]).items():
-            kept.add(id(group[better]))
-            for other in dominated:
-                group[better].targets.extend(group[other].targets)
-    return [task for task in tasks if id(task) in kept]
+            task, others = group[better], [group[other] for other in dominated]
+            targets = [target for each in (task, *others) for target in each.targets]
+            surface = task.surface.within(other.surface for other in others)
+            kept[id(task)] = replace(task, targets=targets, surface=surface)
+    return [kept[id(task)] for task in tasks if id(task) in kept]
 
 
 def _read_tasks(
@@ -295,11 +290,9 @@ def _read_tasks(
     base = base_mesh(blender_object, copies, use_modifiers=settings.use_modifiers)
     steps = _mixing_steps(base.shape_keys)
     largest = _largest_coordinates(control, base.shape_keys)
-    variation = settings.variation(blender_object, base, is_own=base == blender_object.data)
+    painted = settings.variation(blender_object, base, is_own=base == blender_object.data)
     is_smooth = smooth_faces(base)
-    return [
-        _task(blender_object, user, control, settings, views, largest, steps, is_smooth, variation) for user in users
-    ]
+    return [_task(blender_object, user, control, settings, views, largest, steps, is_smooth, painted) for user in users]
 
 
 def _task(
@@ -311,13 +304,13 @@ def _task(
     largest: FloatArray,
     steps: float,
     is_smooth: NDArray[np.bool_],
-    variation: Variation | None,
+    painted: Variation | None,
 ) -> AdaptiveTask:
     """The task of an object for an object that gets the result. largest: (3,) the largest coordinates; steps: the
     number of roundings of each; is_smooth: (F,) of the control mesh."""
     if user != blender_object:
         control = replace(control, world=np.array(user.matrix_world, dtype=np.float64)[:3, :3])
-    surface = surface_of(user, control, settings, views)
+    surface = surface_of(user, control, settings, views, painted)
     in_world = control.in_world
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
@@ -329,7 +322,7 @@ def _task(
         # Results that do not share a mesh stay apart.
         None if user == blender_object else user.data.session_uid,
         # Objects of one mesh may have materials of their own.
-        None if variation is None else variation.factors.tobytes(),
+        surface.paint,
     )
     scale = gram_matrix(control.world)[np.triu_indices(3)]
     task = AdaptiveTask(
@@ -339,7 +332,6 @@ def _task(
         allowance=allowance,
         stored=stored,
         is_smooth=is_smooth,
-        variation=variation,
     )
     check_tolerance(surface.tolerance, task.least_tolerance)
     return task

@@ -119,7 +119,7 @@ class DepthWork:
                 for number, request in enumerate(group.requests):
                     check = check_pose if number else check_input
                     with self.faults.of(request.surface.holder.uid, request.frame):
-                        check(request.surface.control.in_world, request.surface.tolerance, request.variation)
+                        check(request.surface.control.in_world, request.surface.tolerance, request.surface.variation)
         self.faults.refuse()
 
 
@@ -210,14 +210,13 @@ def _read_objects(
                     if frame is not None:
                         control = control.with_known_arrays(work.arrays)
                     task = _task_of(each, work)
-                    surface = surface_of(each, control, settings, views)
-                    vertices, variation = shown_vertices(each, settings.vertices), _variation(each, copies, settings)
-                    task.read.append(DepthRequest(surface, vertices, frame, variation))
+                    surface = surface_of(each, control, settings, views, _painted(each, copies, settings))
+                    task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
                     task.states.append(_state(each, settings, frame))
 
 
-def _variation(blender_object: bpy.types.Object, copies: Evaluated, settings: DepthSettings) -> Variation | None:
-    """The variation of the tolerance over an object's control mesh (``read``). Raises ControlMeshError."""
+def _painted(blender_object: bpy.types.Object, copies: Evaluated, settings: DepthSettings) -> Variation | None:
+    """The painted variation of the tolerance over an object's control mesh (``read``). Raises ControlMeshError."""
     if is_evaluated(blender_object, counted_modifiers(blender_object, use_modifiers=settings.use_modifiers)):
         return settings.variation(blender_object, copies.made(blender_object)[0], is_own=False)
     with own_mesh(blender_object) as own:

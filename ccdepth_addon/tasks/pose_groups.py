@@ -17,7 +17,6 @@ from ..core import (
     Pose,
     PoseDepths,
     Progress,
-    Variation,
     needed_quality,
     raised_depths,
 )
@@ -29,7 +28,6 @@ from .surfaces import Surface, surfaces_covering_others
 @dataclass(frozen=True)
 class DepthRequest:
     """A surface with wanted depths, and vertices CONTROL or LIMIT. frame: the frame of reading; None without frames.
-    variation: of the tolerance; None for the same everywhere.
 
     stretch: the ratio of the longest tolerance among the dominated surfaces to its own; their distances may be longer
     by this factor.
@@ -38,7 +36,6 @@ class DepthRequest:
     surface: Surface
     vertices: str
     frame: int | None
-    variation: Variation | None = None
     stretch: float = 1.0
 
     def quality(self, level: int) -> int:
@@ -47,8 +44,8 @@ class DepthRequest:
 
     def limit_quality(self, level: int) -> int:
         """The Quality needed to show the limit surface at a level."""
-        least = 1.0 if self.variation is None else self.variation.least_factor
-        return needed_quality(self.surface.control.in_world, level, least * self.surface.tolerance)
+        surface = self.surface
+        return needed_quality(surface.control.in_world, level, surface.least_factor * surface.tolerance)
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,8 @@ class PoseGroup:
     def poses(self) -> tuple[list[Pose], str, str]:
         """The poses, the method and the vertices, as the core takes them."""
         poses = [
-            Pose(self._maker(each.surface.control), each.surface.tolerance, each.variation) for each in self.requests
+            Pose(self._maker(each.control), each.tolerance, each.variation)
+            for each in (request.surface for request in self.requests)
         ]
         return poses, self.method, self.requests[0].vertices
 
@@ -108,24 +106,20 @@ def pose_groups(requests: list[DepthRequest], method: str) -> Iterator[PoseGroup
 def _kept(requests: list[DepthRequest]) -> list[DepthRequest]:
     """The requests of one mesh that no other dominates.
 
-    A dominated surface has the same control mesh, factors and kind of vertices, and every vector of it is at most as
-    long, in units of the tolerance: its distances are no larger, and neither are its depths.
+    A dominated surface has the same control mesh, painted factors and kind of vertices, and every vector of it is at
+    most as long, in units of the tolerance: its distances are no larger, and neither are its depths.
     """
     if len(requests) < 2:
         return requests
     kept = []
-    for group in _grouped(requests, lambda each: (each.vertices, each.surface.control.key, _factors(each))):
+    for group in _grouped(requests, lambda each: (each.vertices, each.surface.control.key, each.surface.paint)):
         for own, others in surfaces_covering_others([each.surface for each in group]).items():
-            tolerance = group[own].surface.tolerance
-            longest = max([tolerance, *(group[place].surface.tolerance for place in others)])
+            surface, dominated = group[own].surface, [group[place].surface for place in others]
+            longest = max(each.tolerance for each in (surface, *dominated))
             # Without extent there is none, which is refused later.
-            kept.append(replace(group[own], stretch=longest / tolerance if tolerance > 0 else 1.0))
+            stretch = longest / surface.tolerance if surface.tolerance > 0 else 1.0
+            kept.append(replace(group[own], surface=surface.within(dominated), stretch=stretch))
     return kept
-
-
-def _factors(request: DepthRequest) -> bytes | None:
-    factors = None if request.variation is None else request.variation.factors
-    return None if factors is None else factors.tobytes()
 
 
 def _grouped(requests: list[DepthRequest], kind: Callable[[DepthRequest], Hashable]) -> Iterable[list[DepthRequest]]:

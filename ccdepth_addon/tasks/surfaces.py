@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Self
 
 import bpy
@@ -20,6 +21,9 @@ from ..exchange.tolerance_factors import corner_factors
 
 # Relative slack for rounding when one object's scale is compared with another's.
 SCALE_ROUNDING = 1e-9
+
+# The condition of a matrix whose inverse has nine digits.
+FLATTEST = 1e5
 
 # The largest number that Blender stores, also in place of larger numbers and infinity.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
@@ -88,11 +92,53 @@ class VariedSettings(SurfaceSettings):
 
 @dataclass(frozen=True)
 class Surface:
-    """A control mesh with its object's matrix, and the tolerance there, as a length in the scene."""
+    """A control mesh with its object's matrix, and the tolerance there, as a length in the scene.
+
+    painted: the variation of the tolerance by weights or materials; in_view: (F,) the factors on the tolerance of faces
+    by pixels, about 1 or more. None for the same everywhere.
+    """
 
     holder: Identity
     control: ControlMesh
     tolerance: float
+    painted: Variation | None = None
+    in_view: FloatArray | None = None
+
+    @cached_property
+    def variation(self) -> Variation | None:
+        """How the tolerance varies over the control mesh; None for the same everywhere."""
+        if self.in_view is None:
+            return self.painted
+        factors = np.repeat(self.in_view, self.control.topology.arrays.face_sizes)
+        return Variation(factors if self.painted is None else self.painted.factors * factors)
+
+    @property
+    def least_factor(self) -> float:
+        """The least factor on the tolerance anywhere."""
+        return 1.0 if self.variation is None else self.variation.least_factor
+
+    @property
+    def paint(self) -> bytes | None:
+        """What is equal for surfaces with the same factors by weights or materials."""
+        return None if self.painted is None else self.painted.factors.tobytes()
+
+    def within(self, others: Iterable[Surface]) -> Surface:
+        """The surface with its pixels small enough for others that it dominates as well, of the same control mesh."""
+        in_view = self.in_view
+        for other in others:
+            if in_view is not None and other.in_view is not None:
+                ratio = other.tolerance / self.tolerance / self.stretch_to(other)
+                in_view = np.minimum(in_view, ratio * other.in_view)
+        return replace(self, in_view=in_view)
+
+    def stretch_to(self, other: Surface) -> float:
+        """The largest factor from a length of the surface to its length in a surface that it dominates."""
+        try:
+            moved = relative_matrix(other.control.world, self.control.world)
+        except ControlMeshError:
+            # No vector of a dominated surface is longer, in parts of its tolerance.
+            return other.tolerance / self.tolerance
+        return float(np.linalg.norm(moved, 2)) * (1 + SCALE_ROUNDING)
 
     @property
     def object_name(self) -> str:
@@ -101,6 +147,16 @@ class Surface:
     def scaled_gram(self) -> FloatArray:
         """(3, 3): the Gram matrix of the object's linear part, in units of the tolerance."""
         return gram_matrix(self.control.world) / self.tolerance**2
+
+
+def relative_matrix(world: FloatArray, base: FloatArray) -> FloatArray:
+    """(3, 3): the matrix that moves what base (3, 3) has moved to where world (3, 3) moves it, to nine digits. Raises
+    ControlMeshError if base is too flat for any."""
+    if np.array_equal(world, base):
+        return np.eye(3)
+    if not np.linalg.cond(base) < FLATTEST:
+        raise ControlMeshError("its scale is zero now, and may not be on other frames")
+    return np.linalg.solve(base.T, world.T).T
 
 
 # The errors of an object, in words to follow its name.

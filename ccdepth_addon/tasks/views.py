@@ -10,12 +10,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core import FloatArray, Seen, View, length_in_views, most_pixels, seen_by
+from ..core import FloatArray, Variation, View, most_pixels, pixel_lengths, surface_boxes
 from ..exchange.cameras import CameraError, named_camera, of_object, view_of
-from ..exchange.control_mesh import ControlMesh, ControlMeshError
+from ..exchange.control_mesh import ControlMesh
 from ..exchange.data_blocks import Identity
 from .frames import chosen_frames, frame_restored, typed_frames
-from .surfaces import ComputeError, Surface, SurfaceSettings
+from .surfaces import ComputeError, Surface, SurfaceSettings, relative_matrix
 
 
 @dataclass(frozen=True)
@@ -26,40 +26,34 @@ class Views:
     of_objects: dict[int, list[tuple[View, FloatArray]]]
     off_screen: float
 
-    def pixel(self, uid: int, control: ControlMesh) -> float:
-        """The length of a pixel on an object with this control mesh, the least over the frames. Raises
-        ControlMeshError."""
-        used = control.topology.arrays.vertex_face_counts > 0
-        positions = control.positions[used].astype(np.float64)
+    def pixels(self, uid: int, control: ControlMesh) -> FloatArray:
+        """(F,): the lengths of a pixel on the faces of an object with this control mesh, the least over the frames.
+        Raises ControlMeshError."""
+        views = []
+        for view, world in self.of_objects[uid]:
+            linear, offset = view.to_camera[:, :3], view.to_camera[:, 3:]
+            moved = linear @ relative_matrix(world, control.world)
+            views.append(replace(view, to_camera=np.concatenate([moved, offset], axis=1)))
         # Positions that are not finite are found and refused later.
         with np.errstate(all="ignore"):
-            seen = [_seen(view, positions, world, control.world) for view, world in self.of_objects[uid]]
-        return length_in_views(seen, 1.0, self.off_screen)
-
-
-def _seen(view: View, positions: FloatArray, world: FloatArray, read: FloatArray) -> Seen:
-    """How a camera sees positions in object space under a matrix world (3, 3), with lengths as under the matrix read
-    with. Raises ControlMeshError if these have no ratio."""
-    seen = seen_by(view, positions @ world.T)
-    if np.array_equal(world, read):
-        return seen
-    try:
-        stretch = float(np.linalg.norm(world @ np.linalg.inv(read), 2))
-    except np.linalg.LinAlgError as fault:
-        raise ControlMeshError("its scale is zero now, and may not be on other frames") from fault
-    return replace(seen, depth=seen.depth / stretch, distance=seen.distance / stretch)
+            return pixel_lengths(views, *surface_boxes(control.in_world), self.off_screen)
 
 
 def surface_of(
-    blender_object: bpy.types.Object, control: ControlMesh, settings: SurfaceSettings, views: Views
+    blender_object: bpy.types.Object,
+    control: ControlMesh,
+    settings: SurfaceSettings,
+    views: Views,
+    painted: Variation | None = None,
 ) -> Surface:
-    """The surface of an object, with the tolerance as a length."""
+    """The surface of an object, with the tolerance as a length. painted: as of ``Surface``."""
     holder = Identity.of(blender_object)
     if settings.tolerance_mode == "PIXELS":
-        unit = views.pixel(holder.uid, control)
-    else:
-        unit = control.diagonal() if settings.tolerance_mode == "RELATIVE" else 1.0
-    return Surface(holder, control, settings.tolerance * unit)
+        pixels = views.pixels(holder.uid, control)
+        least = float(pixels.min())
+        return Surface(holder, control, settings.tolerance * least, painted, pixels / least)
+    unit = control.diagonal() if settings.tolerance_mode == "RELATIVE" else 1.0
+    return Surface(holder, control, settings.tolerance * unit, painted)
 
 
 def read_views(context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: SurfaceSettings) -> Views:

@@ -113,9 +113,73 @@ def test_objects_nearer_to_the_camera_get_more_faces_and_those_off_screen_fewer(
     assert faces(made[0]) > faces(made[2])
     by_record = [each.data.ccdepth.world_tolerance for each in made]
     assert by_record[1] > 50 * by_record[0]
-    points = scene.mesh_data(off.data).positions + np.array(off.location)
-    # By its definition: of the nearest control point, times four.
-    assert by_record[2] == pytest.approx(4 * 0.1 * np.linalg.norm(points, axis=1).min() / FOCAL, rel=1e-6)
+    data = scene.mesh_data(off.data)
+    points, corners = data.positions + np.array(off.location), np.cumsum([0, *data.face_sizes])
+    quads = [{*data.corner_vertices[a:b].tolist()} for a, b in pairwise(corners)]
+    distances = []
+    for quad in quads:
+        near_points = points[[*set().union(*(each for each in quads if each & quad))]]
+        box = np.clip(0.0, near_points.min(axis=0), near_points.max(axis=0))
+        distances.append(np.linalg.norm(box))
+    # By its definition: of the nearest point of a box around a face's control points, times four.
+    assert by_record[2] == pytest.approx(4 * 0.1 * min(distances) / FOCAL, rel=1e-6)
+
+
+def add_road(nearest: float, mesh: bpy.types.Mesh | None = None) -> bpy.types.Object:
+    """A bumpy strip from the depth nearest to twelve more; the mesh of another one the other way round. All of it is in
+    the image."""
+    bpy.context.scene.camera.data.lens = 5
+    if mesh is None:
+        holder = scene.add_object(meshes.landscape(3, 12), "Road")
+        holder.rotation_euler, holder.location = (-np.pi / 2, 0, 0), (-1.5, -1, -nearest)
+    else:
+        holder = scene.add_mesh(mesh)
+        holder.rotation_euler, holder.location = (np.pi / 2, 0, 0), (-1.5, -1, -nearest - 12)
+    bpy.context.view_layer.update()
+    return holder
+
+
+def farthest_depths(result: bpy.types.Object) -> np.ndarray:
+    """(F,): the greatest depth of a vertex of each face."""
+    world, data = np.array(result.matrix_world), scene.mesh_data(result.data)
+    depths = -(data.positions @ world[:3, :3].T + world[:3, 3])[:, 2]
+    return np.maximum.reduceat(depths[data.corner_vertices], np.cumsum([0, *data.face_sizes])[:-1])
+
+
+def test_an_object_from_near_to_far_is_finer_where_it_is_near() -> None:
+    road = add_road(1.0)
+    compute(road, pixels=0.5)
+    depths = scene.values_of(road.data.attributes["ccdepth"].data, "value", np.int32)[:, 0]
+    assert np.median(depths[:6]) >= np.median(depths[-6:]) + 2
+    [result] = subdivide(road, pixels=0.5)
+    record = result.data.ccdepth
+    assert record.largest_bound > 3 * record.world_tolerance
+    assert 0 < record.largest_ratio <= 1
+    bounds = scene.values_of(result.data.attributes["ccdepth_bound"].data, "value", np.float32)[:, 0]
+    assert np.all(bounds <= 0.5 * farthest_depths(result) / (FOCAL / 10))
+    by_face = faces(result)
+    road.hide_set(False)
+    addon.finish("subdivide", road, tolerance=record.world_tolerance, tolerance_mode="ABSOLUTE")
+    assert faces(bpy.context.object) > 2 * by_face
+
+
+def test_one_mesh_is_fine_enough_wherever_one_of_its_objects_is_near() -> None:
+    road = add_road(1.0)
+    other = add_road(1.5, road.data)
+    [alone] = subdivide(road, pixels=0.2)
+    road.hide_set(False)
+    made = subdivide(road, other, pixels=0.2)
+    assert made[0].data == made[1].data
+    assert faces(made[0]) > 1.2 * faces(alone)
+    bounds = scene.values_of(made[0].data.attributes["ccdepth_bound"].data, "value", np.float32)[:, 0]
+    # The attribute has the largest distance for a place with the longest tolerance of both.
+    bounds *= alone.data.ccdepth.world_tolerance / made[0].data.ccdepth.world_tolerance
+    for each in made:
+        assert np.all(bounds <= 0.2 * farthest_depths(each) / (FOCAL / 10))
+    compute(road, other, pixels=0.2)
+    depths = scene.values_of(road.data.attributes["ccdepth"].data, "value", np.int32)[:, 0]
+    # In one object or the other both ends are near.
+    assert abs(np.median(depths[:6]) - np.median(depths[-6:])) <= 1
 
 
 def test_of_objects_with_one_mesh_the_nearest_counts() -> None:

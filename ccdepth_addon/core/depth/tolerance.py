@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.rounding import rounding_allowance
 from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.touching_faces import least_of_touching
 from ..tolerance.variation import Variation
 
 # The factor between tolerances of faces that are proved together: a tenth of the tolerance is lost in the mean.
@@ -50,19 +51,11 @@ def tolerance_groups(
     if variation is None:
         return [(faces, ToleranceTest(tolerance, allowance))]
     own = variation.of_faces(mesh, tolerance)
-    own = (_least_of_touching(mesh, own) if with_faces_around else own)[faces]
+    own = (least_of_touching(mesh, own) if with_faces_around else own)[faces]
     steps = np.floor(np.log(own) / np.log(STEP))
     alike = [np.flatnonzero(steps == step) for step in np.unique(steps)]
     is_common = len(alike) == 1 and len(faces) == mesh.face_count
     return [(faces[some], ToleranceTest(float(own[some].min()), allowance, is_common)) for some in alike]
-
-
-def _least_of_touching(mesh: PolygonMesh, values: FloatArray) -> FloatArray:
-    """(F,): for each face the least of values (F,) over all faces that share a vertex with it."""
-    at_vertices = np.full(mesh.vertex_count, np.inf)
-    np.minimum.at(at_vertices, mesh.corner_vertices, values[mesh.corner_faces])
-    found: FloatArray = np.minimum.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
-    return found
 
 
 @dataclass(frozen=True)

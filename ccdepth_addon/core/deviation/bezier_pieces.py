@@ -30,6 +30,7 @@ from ..surface.refinement import Refinement
 from ..surface.stencils import by_valence
 from .columns import NONE
 from .extraordinary_pieces import children_of_nets, pieces_of_nets
+from .piece_factors import PieceFactors
 
 # Coefficients along the sides, from each corner to the next.
 SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
@@ -48,7 +49,8 @@ LARGEST_VALENCE = 1 << 10
 @dataclass(frozen=True)
 class NewPieces:
     """N pieces, see ``BezierPieces``; stores, rows: (N,) intp, the nets or the refinement with the points of each
-    piece, and the piece's index there; NONE where the piece is the surface."""
+    piece, and the piece's index there; NONE where the piece is the surface. turned: (N,) intp, the corner of its face
+    from which the corners of each are counted."""
 
     coefficients: FloatArray
     middles: FloatArray
@@ -56,6 +58,7 @@ class NewPieces:
     sides: IndexArray
     stores: IndexArray
     rows: IndexArray
+    turned: IndexArray
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,8 @@ class BezierPieces:
     parameters. middles: (N, 3) float64, the middle of the surface, or of the piece if ``is_bilinear``. faces, units:
     (N,) intp, the control face and the unit of each piece. sides: (N, 4) intp, the edge of ``unit_mesh`` below each
     side, or NONE. first_child: (N,) intp, NONE for leaves. low, high: (N, 3), the corners of boxes around the pieces,
-    or if smaller around their leaves.
+    or if smaller around their leaves. least, greatest: (N,) float64, the factors on the tolerance over each, all 1
+    where it is the same everywhere.
     """
 
     coefficients: FloatArray
@@ -85,16 +89,24 @@ class BezierPieces:
     units: IndexArray
     sides: IndexArray
     first_child: IndexArray
+    least: FloatArray
+    greatest: FloatArray
     _parents: IndexArray
     _store: IndexArray
     _row: IndexArray
 
-    def __init__(self, units: Refinement, unit_faces: IndexArray, tick: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        units: Refinement,
+        unit_faces: IndexArray,
+        tick: Callable[[], None],
+        factors: PieceFactors | None = None,
+    ) -> None:
         """units: quads; unit_faces: (n,) intp, the control face of each. tick: called again and again; it may raise to
-        stop."""
+        stop. factors: on the tolerance, if it varies; the units are then all quads of a level."""
         count = len(units.bases)
         self.unit_mesh = units.mesh if units.mesh.face_count == count else faces_alone(units.mesh, np.arange(count))
-        self._tick = tick
+        self._tick, self._factors = tick, factors
         self.count, self._columns = 0, dict[str, Column]()
         self._stores: list[Refinement | Nets] = []
         self._add_units(units, unit_faces)
@@ -179,9 +191,18 @@ class BezierPieces:
     def _add_units(self, refinement: Refinement, unit_faces: IndexArray) -> None:
         units = np.arange(self.unit_count)
         new = self._descendants(refinement, self.unit_mesh.corner_edges.reshape(-1, 4))
+        if self._factors:
+            self._factors.add_units(len(units), new.turned)
         self._add(new, unit_faces, units, np.full(len(units), NONE))
         # Most of these have several extraordinary corners, and their children one each.
         self.split(units[self.is_bilinear(units)])
+
+    def factors_at(self, pieces: IndexArray, weights: FloatArray, points: FloatArray) -> FloatArray:
+        """(n·k,): the factors on the tolerance at points (n·k, 3) of the surface, those in pieces (n,) with the weights
+        (k, 4) of the corners, and no less."""
+        if self._factors is None:
+            return np.ones(len(points))
+        return self._factors.at(self._factors.places(pieces, weights), points)
 
     def _refine(self, refinement: Refinement, pieces: IndexArray) -> IndexArray:
         """The children of descendants after one more Catmull-Clark step."""
@@ -205,7 +226,8 @@ class BezierPieces:
         stores[::4], rows[::4] = len(self._stores), np.arange(len(pieces))
         self._stores.append(Nets(store.valence, refined))
         sides = self._sides_of_children(pieces)
-        return self._add_children(NewPieces(coefficients, middles, excess, sides, stores, rows), pieces)
+        new = NewPieces(coefficients, middles, excess, sides, stores, rows, np.zeros(count, dtype=np.intp))
+        return self._add_children(new, pieces)
 
     def _sides_of_children(self, pieces: IndexArray) -> IndexArray:
         """(4n, 4): the sides of children. Corner 0 of the child at corner c is that corner: side 0 of the child lies on
@@ -231,7 +253,7 @@ class BezierPieces:
         regular, extraordinary, others = by_valence(mesh, np.arange(count), classify_patches(mesh), LARGEST_VALENCE)
         coefficients, middles, excess = np.empty((count, 3, 16)), np.empty((count, 3)), np.zeros(count)
         sides = sides.copy()
-        stores, rows = np.full(count, NONE), np.full(count, NONE)
+        stores, rows, turned = np.full(count, NONE), np.full(count, NONE), np.zeros(count, dtype=np.intp)
         for block in chunks(len(regular), AT_ONCE):
             coefficients[regular[block]] = _bernstein(regular_nets(mesh, regular[block]))
             self._tick()
@@ -239,8 +261,8 @@ class BezierPieces:
             nets = extraordinary_nets(mesh, corners, valence)
             coefficients[chosen], middles[chosen], excess[chosen] = pieces_of_nets(nets, valence, self._tick)
             # Corners of these pieces are counted from the extraordinary corner on.
-            turned = (corners - mesh.face_starts[chosen])[:, None] + np.arange(4)
-            sides[chosen] = np.take_along_axis(sides[chosen], turned % 4, axis=1)
+            turned[chosen] = corners - mesh.face_starts[chosen]
+            sides[chosen] = np.take_along_axis(sides[chosen], (turned[chosen, None] + np.arange(4)) % 4, axis=1)
             stores[chosen], rows[chosen] = len(self._stores), np.arange(len(chosen))
             self._stores.append(Nets(valence, nets))
         if others.any():
@@ -252,16 +274,22 @@ class BezierPieces:
             self._tick()
         plain = np.concatenate([regular, np.flatnonzero(others)])
         middles[plain] = coefficients[plain] @ MIDDLE
-        return NewPieces(coefficients, middles, excess, sides, stores, rows)
+        return NewPieces(coefficients, middles, excess, sides, stores, rows, turned)
 
     def _add_children(self, new: NewPieces, parents: IndexArray) -> IndexArray:
         """Append four pieces for each parent."""
         self.first_child[parents] = self.count + 4 * np.arange(len(parents))
+        if self._factors:
+            self._factors.add_children(parents, self._store[parents] == NONE, new.turned)
         faces, units, parents = (np.repeat(each, 4) for each in (self.faces[parents], self.units[parents], parents))
         return self._add(new, faces, units, parents)
 
     def _add(self, new: NewPieces, faces: IndexArray, units: IndexArray, parents: IndexArray) -> IndexArray:
         self._tick()
+        least = greatest = np.ones(len(faces))
+        if self._factors:
+            added = np.arange(self.count, self.count + len(faces))
+            least, greatest = self._factors.over(added, new.coefficients, new.excess)
         columns = {
             "coefficients": new.coefficients,
             "middles": new.middles,
@@ -271,6 +299,8 @@ class BezierPieces:
             "faces": faces,
             "units": units,
             "first_child": np.full(len(faces), NONE),
+            "least": least,
+            "greatest": greatest,
             "_parents": parents,
             "sides": new.sides,
             "_store": new.stores,
@@ -284,14 +314,16 @@ class BezierPieces:
         return np.arange(self.count - len(faces), self.count)
 
 
-def bezier_pieces(control: PolygonMesh, units_wanted: int, tick: Callable[[], None]) -> BezierPieces:
+def bezier_pieces(
+    control: PolygonMesh, units_wanted: int, tick: Callable[[], None], factors: PieceFactors | None = None
+) -> BezierPieces:
     """The limit surface of a mesh with explicit sharpness. units_wanted: levels of units are added while they have no
-    more units than this."""
+    more units than this. factors: on the tolerance over this mesh, if it varies."""
     mesh, faces = subdivide(control), control.corner_faces
     while 4 * mesh.face_count <= units_wanted:
         mesh, faces = subdivide(mesh), np.repeat(faces, 4)
         tick()
-    return BezierPieces(Refinement(mesh, np.arange(mesh.face_count)), faces, tick)
+    return BezierPieces(Refinement(mesh, np.arange(mesh.face_count)), faces, tick, factors)
 
 
 def bilinear_pieces(corners: FloatArray) -> FloatArray:
@@ -318,5 +350,5 @@ def _bernstein(nets: FloatArray) -> FloatArray:
 def _quarters(pieces: BezierPieces, parents: IndexArray) -> NewPieces:
     coefficients = np.matmul(pieces.coefficients[parents][:, None], QUARTERS.swapaxes(1, 2)).reshape(-1, 3, 16)
     sides = np.where(QUARTER_SIDES, pieces.sides[parents][:, None], NONE).reshape(-1, 4)
-    none = np.full(len(sides), NONE)
-    return NewPieces(coefficients, coefficients @ MIDDLE, np.repeat(pieces.excess[parents], 4), sides, none, none)
+    none, excess = np.full(len(sides), NONE), np.repeat(pieces.excess[parents], 4)
+    return NewPieces(coefficients, coefficients @ MIDDLE, excess, sides, none, none, np.zeros_like(none))

@@ -102,7 +102,8 @@ class Regions(Table, axis=-1):
 @dataclass(frozen=True)
 class Over(Table, axis=-1):
     """K leaves over parts. owners, leaves: (K,) intp. inside: (3, 16, K), distances inside the sides; heights: (16, K);
-    across: (2, 16, K), from the place where covering is counted; excess: (K,)."""
+    across: (2, 16, K), from the place where covering is counted; excess: (K,); factors: (K,), the least factors on the
+    tolerance."""
 
     owners: IndexArray
     leaves: IndexArray
@@ -110,6 +111,7 @@ class Over(Table, axis=-1):
     heights: FloatArray
     across: FloatArray
     excess: FloatArray
+    factors: FloatArray
 
 
 @dataclass(frozen=True)
@@ -131,15 +133,16 @@ def over_pieces(
     goals: FloatArray,
     margin: float,
 ) -> tuple[FloatArray, IndexArray, IndexArray, IndexArray] | None:
-    """Bounds of the distance between parts of triangles and the surface (n,), infinite where the surface may not cover
-    a part; the leaf of each bound (n,); and pairs (m,) of parts with bounds beyond the goals and leaves over them with
-    too large an excess. None if several parts have too many leaves over them, ``LEAVES_OVER_AT_ONCE``.
+    """Bounds of the reduced distance from parts of triangles to the surface (n,), infinite where the surface may not
+    cover a part; the leaf of each bound (n,); and pairs (m,) of parts with bounds beyond the goals and leaves over them
+    with too large an excess. None if several parts have too many leaves over them, ``LEAVES_OVER_AT_ONCE``.
 
     corners: (n, 3, 3); normals: (n, 3), of their triangles; directions: (n, 3), unit vectors to look along; first: (n,)
-    intp, a unit near each. goals: (n,), bounds below the goals are as good. margin: the rounding allowance.
+    intp, a unit near each. goals: (n,), reduced bounds below the goals are as good. margin: the rounding allowance.
     """
     regions = Regions.of(columns(corners), columns(normals), columns(directions), margin)
-    covering = _covering(pieces, regions, first, goals, margin)
+    near = goals * pieces.least[first]
+    covering = _covering(pieces, regions, first, near, margin)
     if covering is None:
         return None
     at_border = np.zeros(len(corners), dtype=bool)
@@ -153,17 +156,19 @@ def over_pieces(
         upper = np.minimum(found, upper)
     chosen = np.flatnonzero(covering.has_partners & at_border)
     if len(chosen):
-        chosen, moved = _moved_inwards(regions, covering, chosen, goals, margin)
+        chosen, moved = _moved_inwards(regions, covering, chosen, near, margin)
     if len(chosen):
-        there = _covering(pieces, moved, first[chosen], goals[chosen], margin)
+        there = _covering(pieces, moved, first[chosen], near[chosen], margin)
         if there is None:
             return None
         covered = there.has_partners & _winds_once(there.over, len(chosen), margin)
         covered &= _is_beyond_border(moved, there, margin)
         found, leaves = _heights(moved, there.over, covered, goals[chosen], margin)
-        upper[chosen], worst[chosen] = np.hypot(found + moved.rises(), moved.moved), leaves
+        least = np.full(len(chosen), np.inf)
+        np.minimum.at(least, there.over.owners, there.over.factors)
+        upper[chosen], worst[chosen] = np.hypot(found + moved.rises() / least, moved.moved / least), leaves
     over, most = covering.over, np.where(upper > goals, EXCESS_SHARE * np.maximum(goals, 0.0), np.inf)
-    too_much = over.excess > most[over.owners]
+    too_much = over.excess > most[over.owners] * over.factors
     return upper, worst, over.owners[too_much], over.leaves[too_much]
 
 
@@ -241,7 +246,7 @@ def _seen(
         coefficients, inside = coefficients.take(left, axis=2), inside.take(left, axis=2)
     rest = applied(functionals[3:].take(owners, axis=2), coefficients)
     rest += constants[3:].take(owners, axis=1)[:, None]
-    return Over(owners, leaves, inside, rest[0], rest[1:], excess)
+    return Over(owners, leaves, inside, rest[0], rest[1:], excess, pieces.least[leaves])
 
 
 def _may_overlap(over: Over, outline: FloatArray, margin: float) -> BoolArray:
@@ -292,6 +297,7 @@ def _heights(
         excess=over.excess,
         steepness=steepness[owners],
         unevenness=unevenness[owners],
+        factors=over.factors,
     )
     return largest_of_each(views, owners, over.leaves, covered, goals, margin)
 

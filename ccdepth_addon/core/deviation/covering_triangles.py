@@ -30,7 +30,8 @@ MOST_TRIANGLES_ACROSS = 12
 @dataclass(frozen=True)
 class Seen:
     """n pieces as seen along directions. coefficients: (3, 16, n); directions: (3, n); axes: (2, 3, n), across; across:
-    (2, 16, n), the coefficients there; low, high: (2, n), bounds of the pieces there; excess: (n,), of the pieces."""
+    (2, 16, n), the coefficients there; low, high: (2, n), bounds of the pieces there; excess, factors: (n,), of the
+    pieces, and the least factors on the tolerance."""
 
     coefficients: FloatArray
     directions: FloatArray
@@ -39,6 +40,7 @@ class Seen:
     low: FloatArray
     high: FloatArray
     excess: FloatArray
+    factors: FloatArray
 
     @staticmethod
     def of(pieces: BezierPieces, block: IndexArray, directions: FloatArray, margin: float) -> Seen:
@@ -48,7 +50,7 @@ class Seen:
         across = applied(axes, coefficients)
         excess = pieces.excess[block]
         low, high = across.min(axis=1) - (excess + margin), across.max(axis=1) + (excess + margin)
-        return Seen(coefficients, along, axes, across, low, high, excess)
+        return Seen(coefficients, along, axes, across, low, high, excess, pieces.least[block])
 
 
 @dataclass(frozen=True)
@@ -71,11 +73,11 @@ def over_triangles(
     goals: FloatArray,
     margin: float,
 ) -> tuple[FloatArray, IndexArray]:
-    """The largest heights of pieces over triangles (n,), infinite where triangles may not cover a piece, and the
-    triangles (n,) of these heights.
+    """The largest reduced heights of pieces over triangles (n,), infinite where triangles may not cover a piece, and
+    the triangles (n,) of these heights.
 
     block: (n,) intp, the pieces; directions: (n, 3), unit vectors; first: (n,) intp, a triangle near each, to begin
-    with. goals: (n,), bounds below the goals are as good. margin: the rounding allowance.
+    with. goals: (n,), reduced bounds below the goals are as good. margin: the rounding allowance.
     """
     if not len(block):
         return np.zeros(0), np.zeros(0, dtype=np.intp)
@@ -139,6 +141,7 @@ def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, m
         excess=seen.excess[owners],
         steepness=steepness,
         unevenness=unevenness,
+        factors=seen.factors[owners],
     )
     under = Under(owners, which, meets, views)
     return under.at(~is_apart) if is_apart.any() else under

@@ -26,10 +26,11 @@ TOO_LONG = 2.0**-37
 
 @dataclass
 class Findings:
-    """The distances found so far. reached: the longest distance really there, less the allowance, with its pair of
-    points, their places, and the way. margin: the rounding of a coordinate. floor: the smallest distance told from
-    zero. enough: a proved distance need not be smaller. accuracy: the largest relative difference between proved and
-    reached. limit: the distance to decide whether all is within."""
+    """The distances found so far, and the demands on them, all reduced but for the margin. reached: the longest
+    distance really there, less the allowance, with its pair of points, their places, and the way. margin: the rounding
+    of a coordinate. floor: the smallest distance told from zero. enough: a proved distance need not be smaller.
+    accuracy: the largest relative difference between proved and reached. limit: the distance to decide whether all is
+    within."""
 
     accuracy: float
     limit: float
@@ -76,8 +77,8 @@ class Findings:
         *,
         surface_to_mesh: bool,
     ) -> None:
-        """Record distances (N,) really there, but for TOO_LONG and the allowance, from points to nearest points, (N,
-        3)."""
+        """Record reduced distances (N,) really there, but for TOO_LONG and the allowance, from points to nearest
+        points, (N, 3)."""
         if not len(distances):
             return
         best = int(distances.argmax())

@@ -63,7 +63,8 @@ class Views(Table, axis=-1):
     inside: (3, 16, N), distances inside each side. heights: (16, N), over the triangle's plane along the direction.
     inward: (3, 2, N), the directions inwards; places: (2, 4, N), the piece's corners, in coordinates across. excess:
     (N,), of the piece. steepness: (N,), the ratio of a height to the distance from the plane. unevenness: (N,), the
-    largest distance of the triangle's corners from the plane.
+    largest distance of the triangle's corners from the plane. factors: (N,), the least factor on the tolerance over the
+    piece.
     """
 
     inside: FloatArray
@@ -73,6 +74,7 @@ class Views(Table, axis=-1):
     excess: FloatArray
     steepness: FloatArray
     unevenness: FloatArray
+    factors: FloatArray
 
     def largest_heights(self, goals: FloatArray, margin: float) -> FloatArray:
         """(N,): bounds of the heights, along the direction, of the piece over the triangle; for bounds beyond the goals
@@ -148,10 +150,12 @@ class Views(Table, axis=-1):
 def largest_of_each(
     views: Views, owners: IndexArray, which: IndexArray, covered: BoolArray, goals: FloatArray, margin: float
 ) -> tuple[FloatArray, IndexArray]:
-    """The largest heights (n,) in views of pairs of owners and things (K,), infinite where the things do not cover an
-    owner; and the things (n,) of these heights, or NONE. covered, goals: (n,), of the owners."""
+    """The largest reduced heights (n,) in views of pairs of owners and things (K,), infinite where the things do not
+    cover an owner; and the things (n,) of these heights, or NONE. covered, goals: (n,), of the owners; goals are
+    reduced as well."""
     # Uncovered owners need no clipping.
-    heights = views.largest_heights(np.where(covered, goals, np.inf)[owners], margin)
+    limits = np.where(covered, goals, np.inf)[owners] * views.factors
+    heights = views.largest_heights(limits, margin) / views.factors
     upper, worst = np.where(covered, 0.0, np.inf), np.full(len(goals), NONE)
     np.maximum.at(upper, owners, heights)
     at_most = covered[owners] & (heights == upper[owners])

@@ -56,7 +56,7 @@ def _are_near(last: MeshToSurface, pieces: IndexArray, triangles: IndexArray) ->
     found = np.zeros(len(pieces), dtype=bool)
     if len(pieces) and len(triangles):
         surface, corners = last.surface, last.mesh.points[:, triangles]
-        reach = (surface.upper[pieces] + surface.findings.margin)[:, None]
+        reach = (surface.upper[pieces] * surface.pieces.greatest[pieces] + surface.findings.margin)[:, None]
         around = BoxTree.around(surface.pieces.low[pieces] - reach, surface.pieces.high[pieces] + reach)
         found[overlapping(around, BoxTree.around(corners.min(axis=0), corners.max(axis=0)))[0]] = True
     return found

@@ -17,10 +17,12 @@ from ..bounds.rounding import largest_valence
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import validate
 from ..progress import Progress, no_report
+from ..tolerance.variation import Variation
 from .bezier_pieces import bezier_pieces
 from .findings import Findings
 from .kept_proofs import KeptProofs
 from .mesh_to_surface import MeshToSurface
+from .piece_factors import PieceFactors
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles
 
@@ -40,7 +42,8 @@ MARGIN = 2.0**-40
 @dataclass(frozen=True)
 class Deviation:
     """The bounds of a two-sided Hausdorff distance: proved ≥ distance ≥ reached, in the unit of the positions, with
-    rounding covered.
+    rounding covered. Where the tolerance varies, every distance is *reduced*: a distance at a point of the surface is
+    divided by the factor on the tolerance there, and the nearest point of the surface has the least reduced distance.
 
     face_bounds: (F,) float64, per control face, and triangle_bounds: (T,) float64, per triangle: the proved distances
     of their parts, both ways. A part of the surface counts for its control face and for the triangle it was compared
@@ -77,6 +80,7 @@ def measure_deviation(
     tolerance: float | None = None,
     enough: float = 0.0,
     limit: float = 0.0,
+    variation: Variation | None = None,
     proofs: KeptProofs | None = None,
     progress: Progress = no_report,
 ) -> Deviation:
@@ -88,9 +92,10 @@ def measure_deviation(
     (``PIECES_OF_EACH`` by default), time_limit (seconds): the measurement ends there with the bounds proved so far.
     tolerance: distances far below the tolerance need not be told apart. enough: bounds are not refined below this
     distance. limit: the measurement goes on until it decides whether all is within this distance, however near the
-    result is. proofs: of the mesh measured before against the same control mesh, and then of this one; what is reached
-    is then reached at new triangles or near them. progress: receives the fraction done about every tenth of a
-    second, and may raise to stop.
+    result is. variation: of the tolerance over ``control``; None for the same everywhere. With a variation all
+    distances given and returned are reduced. proofs: of the mesh measured before against the same control mesh with the
+    same variation, and then of this one; what is reached is then reached at new triangles or near them. progress:
+    receives the fraction done about every tenth of a second, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()
@@ -98,7 +103,8 @@ def measure_deviation(
     _check(positions, triangles)
     proofs = KeptProofs() if proofs is None else proofs
     origin, size = _frame(control, positions, triangles, proofs.origin)
-    allowance = measuring_allowance(control, size)
+    rounding, least = measuring_allowance(control, size), 1.0 if variation is None else variation.least_factor
+    allowance = rounding / least
     if max_pieces is None:
         max_pieces = PIECES_OF_EACH * (len(triangles) + len(control.corner_vertices)) + PIECES_BESIDES
     findings = Findings(
@@ -116,8 +122,9 @@ def measure_deviation(
     )
     mesh = Triangles.of(positions - origin, triangles, findings.tick)
     moved = control.changed(positions=control.positions - origin)
-    pieces = proofs.pieces or bezier_pieces(moved, len(triangles) // TRIANGLES_OF_A_UNIT, findings.tick)
-    whole = 2 * np.sqrt(3) * size
+    factors = None if variation is None else PieceFactors(variation, control, origin, rounding)
+    pieces = proofs.pieces or bezier_pieces(moved, len(triangles) // TRIANGLES_OF_A_UNIT, findings.tick, factors)
+    whole = 2 * np.sqrt(3) * size / least
     surface = SurfaceToMesh(pieces, mesh, findings, whole)
     other_way = MeshToSurface(surface, mesh, control.face_count, whole)
     left, triangles_left = proofs.take(other_way)

@@ -57,12 +57,14 @@ GROWN = 1.5
 @dataclass(frozen=True)
 class Facets(Table):
     """Pieces, each as two triangles over its corners. pieces: (L,) intp; corners: (L, 4, 3); off: (L,) float64, bounds
-    of the distance between surface and triangles at equal parameters, with ``distance_slack``. docs/deviation.md,
-    Facets."""
+    of the distance between surface and triangles at equal parameters, with ``distance_slack``; least, greatest: (L,)
+    float64, the factors on the tolerance. docs/deviation.md, Facets."""
 
     pieces: IndexArray
     corners: FloatArray
     off: FloatArray
+    least: FloatArray
+    greatest: FloatArray
 
     @staticmethod
     def of(pieces: BezierPieces, chosen: IndexArray, tick: Callable[[], None] = lambda: None) -> Facets:
@@ -78,7 +80,7 @@ class Facets(Table):
         off += lengths(twist) / 4 + pieces.excess[chosen]
         points = corners.swapaxes(0, 1)
         off += np.maximum(distance_slack(points[[0, 1, 2]]), distance_slack(points[[0, 2, 3]]))
-        return Facets(chosen, corners, off)
+        return Facets(chosen, corners, off, pieces.least[chosen], pieces.greatest[chosen])
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """The distances (N,) from places (N, 3) to the nearer of a piece's triangles, and the nearest points (N, 3)."""
@@ -107,16 +109,20 @@ class Leaves:
         return Leaves(pieces, facets, BoxTree.around(pieces.low[leaves], pieces.high[leaves]), pieces.count)
 
     def near(self, places: FloatArray, share: float) -> tuple[IndexArray, IndexArray]:
-        """(K,) intp twice: places (P, 3) and the facets of pieces that can be nearest; or with a share of 1 of the
-        distances between surface and facets, of pieces with a leaf that can be nearest."""
+        """(K,) intp twice: places (P, 3) and the facets of pieces that can be nearest by reduced distance, by distance
+        as well; or with a share of 1 of the distances between surface and facets, of pieces with a leaf that can be
+        nearest."""
+        most = self.facets.greatest.max()
 
         def farthest(some: FloatArray, tried: IndexArray) -> FloatArray:
-            return self.facets.distances(some, tried)[0] + share * self.facets.off[tried]
+            bounds = self.facets.distances(some, tried)[0] + share * self.facets.off[tried]
+            return bounds * (most / self.facets.least[tried])
 
         return self.tree.near(places, farthest)
 
-    def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
-        """The leaves (P,) with the triangles nearest to places (P, 3), and the distances (P,)."""
+    def nearest(self, places: FloatArray) -> tuple[Facets, IndexArray, IndexArray, FloatArray]:
+        """Leaves, and which of them (P,) have the triangles nearest to places (P, 3) by distance, which (P,) by reduced
+        distance, and these reduced distances (P,)."""
         owners, which = self.near(places, 0.0)
         facets = self.facets
         if self.pieces.count > self.count:
@@ -124,15 +130,16 @@ class Leaves:
             used, which = np.unique(now, return_inverse=True)
             facets = Facets.of(self.pieces, used)
         distances = facets.distances(places[owners], which)[0]
-        first = first_of_each(owners, distances, len(places))
-        return facets.at(which[first]), distances[first]
+        reduced = distances / facets.least[which]
+        first, least = (first_of_each(owners, each, len(places)) for each in (distances, reduced))
+        return facets, which[first], which[least], reduced[least]
 
 
 @dataclass(frozen=True)
 class Parts(Table):
     """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, the proved
-    distance; leaves: (N,) intp, the nearest piece; is_waiting: (N,) bool, whether pieces with too large an excess lie
-    over the part."""
+    reduced distance; leaves: (N,) intp, the nearest piece; is_waiting: (N,) bool, whether pieces with too large an
+    excess lie over the part."""
 
     corners: FloatArray
     owners: IndexArray
@@ -166,8 +173,8 @@ def halves(corners: FloatArray) -> FloatArray:
 
 
 class MeshToSurface:
-    """The search from the mesh to the surface. upper: (T,) float64, the proved distance of each triangle; face_upper:
-    (F,) float64, of the parts compared with each control face."""
+    """The search from the mesh to the surface. upper: (T,) float64, the proved reduced distance of each triangle;
+    face_upper: (F,) float64, of the parts compared with each control face."""
 
     def __init__(
         self, surface: SurfaceToMesh, mesh: Triangles, face_count: int, whole: float, owners: IndexArray | None = None
@@ -215,7 +222,7 @@ class MeshToSurface:
         """Split the pieces over parts that have too large an excess, and their children with an excess beyond most."""
         for _ in range(DEEPER):
             children = self.surface.split(self.blamed)
-            self.blamed = children[self.surface.pieces.excess[children] > most]
+            self.blamed = children[self.surface.pieces.excess[children] > most * self.surface.pieces.least[children]]
 
     def _record(self, parts: Parts) -> None:
         np.maximum.at(self.upper, parts.owners, parts.bounds)
@@ -230,14 +237,15 @@ class MeshToSurface:
 
     def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
         corners = parts.corners[block]
-        nearest, near = leaves.nearest(corners.mean(axis=1))
+        facets, which, best, reduced = leaves.nearest(corners.mean(axis=1))
         self.findings.tick()
-        parts.leaves[block], parts.is_waiting[block] = nearest.pieces, False
-        np.maximum.at(self.findings.in_faces, self._faces(parts.at(block)), near - nearest.off)
-        self._bound_by_heights(parts, block, self._directions(parts, block, nearest))
+        parts.leaves[block], parts.is_waiting[block] = facets.pieces[which], False
+        off = facets.off[best] / facets.least[best]
+        np.maximum.at(self.findings.in_faces, self._faces(parts.at(block)), reduced - off)
+        self._bound_by_heights(parts, block, self._directions(parts, block))
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
         left = block[place]
-        bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance
+        bounds = self._by_one_piece(facets.at(best[place]), parts.corners[left]) + self.findings.allowance
         parts.bounds[left] = np.minimum(parts.bounds[left], bounds)
 
     def _reach(self, leaves: Leaves, parts: Parts) -> None:
@@ -247,8 +255,7 @@ class MeshToSurface:
         if not len(far):
             return
         places, owners = parts.corners[far].reshape(-1, 3), np.repeat(parts.owners[far], 3)
-        distances = leaves.nearest(places)[1]
-        farthest = np.argsort(-distances)[:MEASURED]
+        farthest = np.argsort(-leaves.nearest(places)[-1])[:MEASURED]
         places, owners = places[farthest], owners[farthest]
         pieces = self.surface.pieces
         rows, which = leaves.near(places, 1.0)
@@ -257,11 +264,13 @@ class MeshToSurface:
             facets = Facets.of(pieces, which)
             distances, points = facets.distances(places[rows], np.arange(len(rows)))
             least = np.full(len(places), np.inf)
-            np.minimum.at(least, rows, distances + facets.off)
-            nearby = distances - facets.off <= least[rows]
-            rows, which = rows[nearby], which[nearby]
-            distances, points, off = distances[nearby], points[nearby], facets.off[nearby]
-            coarse = off > np.maximum(MEASURED_SHARE * least[rows], self.findings.floor)
+            np.minimum.at(least, rows, (distances + facets.off) / facets.least)
+            reduced = (distances - facets.off) / facets.greatest
+            nearby = reduced <= least[rows]
+            rows, which, points, reduced = rows[nearby], which[nearby], points[nearby], reduced[nearby]
+            facets = facets.at(nearby)
+            coarse = facets.off > np.maximum(MEASURED_SHARE * least[rows], self.findings.floor) * facets.least
+            coarse |= facets.greatest > (1 + MEASURED_SHARE) * facets.least
             coarse &= least[rows] > self.findings.reached
             self.findings.tick()
             if not coarse.any() or self.findings.is_exhausted(pieces.count):
@@ -270,17 +279,17 @@ class MeshToSurface:
             children = pieces.children(which[coarse])
             which = np.concatenate([which[~coarse], children.ravel()])
             rows = np.concatenate([rows[~coarse], np.repeat(rows[coarse], 4)])
-        first = first_of_each(rows, distances - off, len(places))
-        found = np.maximum((distances - off)[first], 0.0)
+        first = first_of_each(rows, reduced, len(places))
+        found = np.maximum(reduced[first], 0.0)
         faces = pieces.faces[which[first]]
         np.maximum.at(self.findings.in_faces, faces, found)
         self.findings.note(found, places, points[first], faces, owners, surface_to_mesh=False)
 
-    def _directions(self, parts: Parts, block: IndexArray, nearest: Facets) -> FloatArray:
+    def _directions(self, parts: Parts, block: IndexArray) -> FloatArray:
         """(n, 3): the directions in which to look at parts: the normals of their triangles, or of the nearest pieces
         where these differ."""
         along = self.mesh.normals[parts.owners[block]]
-        of_pieces = self.surface.normals(nearest.pieces)
+        of_pieces = self.surface.normals(parts.leaves[block])
         is_tilted = of_pieces.any(axis=1) & (np.abs(dot_products(of_pieces, along)) < TILTED)
         return np.where(is_tilted[:, None], of_pieces, along)
 
@@ -307,9 +316,9 @@ class MeshToSurface:
         parts.leaves[block[has_leaf]] = leaves[has_leaf]
 
     def _by_one_piece(self, facets: Facets, corners: FloatArray) -> FloatArray:
-        """(n,): bounds by one piece: the distance to a flat triangle is convex, and so longest at a corner."""
+        """(n,): reduced bounds by one piece: the distance to a flat triangle is convex, and so longest at a corner."""
         facet = columns(facets.corners)
         places = columns(corners)
         first = np.max([to_triangles(place, facet[[0, 1, 2]])[0] for place in places], axis=0)
         second = np.max([to_triangles(place, facet[[0, 2, 3]])[0] for place in places], axis=0)
-        return np.minimum(first, second) + facets.off
+        return (np.minimum(first, second) + facets.off) / facets.least

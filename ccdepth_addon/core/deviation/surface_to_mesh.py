@@ -52,8 +52,8 @@ def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriang
 
 
 class SurfaceToMesh:
-    """The search from the surface to the mesh. upper: (N,) float64, the proved distance of each piece; triangles: (N,)
-    intp, the triangle of this bound; nearest: (N,) intp, the triangle nearest to the piece's middle."""
+    """The search from the surface to the mesh. upper: (N,) float64, the proved reduced distance of each piece;
+    triangles: (N,) intp, the triangle of this bound; nearest: (N,) intp, the triangle nearest to the piece's middle."""
 
     def __init__(self, pieces: BezierPieces, mesh: Triangles, findings: Findings, whole: float) -> None:
         self.pieces, self.mesh, self.findings = pieces, mesh, findings
@@ -98,10 +98,11 @@ class SurfaceToMesh:
         middles, is_bilinear = pieces.middles[block], pieces.is_bilinear(block)
         nearest = nearest_triangles(self.mesh, middles)
         self.nearest[block] = nearest.which
+        factors = pieces.factors_at(block, np.full((1, 4), 0.25), middles)
         off = np.where(is_bilinear, pieces.excess[block], 0.0)
-        np.maximum.at(self.findings.in_faces, pieces.faces[block], nearest.distances - off)
+        np.maximum.at(self.findings.in_faces, pieces.faces[block], (nearest.distances - off) / factors)
         on_surface = np.flatnonzero(~is_bilinear)
-        self._note(block[on_surface], middles[on_surface], nearest, on_surface)
+        self._note(block[on_surface], middles[on_surface], nearest.at(on_surface), factors[on_surface])
 
     def _bound(self, block: IndexArray) -> None:
         pieces, findings = self.pieces, self.findings
@@ -110,7 +111,7 @@ class SurfaceToMesh:
             return
         which = self.nearest[block]
         covered = self._bound_by_heights(block, which)
-        sizes = lengths(pieces.high[block] - pieces.low[block])
+        sizes = lengths(pieces.high[block] - pieces.low[block]) / pieces.least[block]
         is_small = sizes < SMALL_FOR_ONE * self._goals(block)
         left = np.flatnonzero((self.upper[block] > self._goals(block)) & (is_small | ~covered))
         self._improve(block[left], self._by_one_triangle(block[left], which[left]), which[left])
@@ -120,8 +121,9 @@ class SurfaceToMesh:
         if len(farthest):
             corners = pieces.coefficients[farthest][:, :, CORNERS].swapaxes(1, 2).reshape(-1, 3)
             found = nearest_triangles(self.mesh, corners)
-            self._note(np.repeat(farthest, 4), corners, found, np.arange(len(corners)))
-            np.maximum.at(findings.in_faces, np.repeat(pieces.faces[farthest], 4), found.distances)
+            factors = pieces.factors_at(farthest, np.eye(4), corners)
+            self._note(np.repeat(farthest, 4), corners, found, factors)
+            np.maximum.at(findings.in_faces, np.repeat(pieces.faces[farthest], 4), found.distances / factors)
 
     def _goals(self, block: IndexArray) -> FloatArray:
         return self.findings.goals(self.pieces.faces[block])
@@ -161,19 +163,13 @@ class SurfaceToMesh:
         self.upper[block[better]] = upper[better]
         self.triangles[block[better]] = which[better]
 
-    def _note(self, block: IndexArray, points: FloatArray, nearest: NearestTriangles, chosen: IndexArray) -> None:
-        found = (
-            nearest.distances[chosen],
-            points,
-            nearest.points[chosen],
-            self.pieces.faces[block],
-            nearest.which[chosen],
-        )
-        self.findings.note(*found, surface_to_mesh=True)
+    def _note(self, block: IndexArray, points: FloatArray, nearest: NearestTriangles, factors: FloatArray) -> None:
+        reduced, faces = nearest.distances / factors, self.pieces.faces[block]
+        self.findings.note(reduced, points, nearest.points, faces, nearest.which, surface_to_mesh=True)
 
     def _by_one_triangle(self, block: IndexArray, which: IndexArray) -> FloatArray:
-        """(n,): bounds by one triangle: the distance to a triangle is convex, and so no longer than at the farthest
-        coefficient."""
+        """(n,): reduced bounds by one triangle: the distance to a triangle is convex, and so no longer than at the
+        farthest coefficient."""
         coefficients = self.pieces.coefficients[block].swapaxes(1, 2).reshape(-1, 3)
         distances = self.mesh.distances(coefficients, np.repeat(which, 16))[0]
-        return distances.reshape(-1, 16).max(axis=1) + self.pieces.excess[block]
+        return (distances.reshape(-1, 16).max(axis=1) + self.pieces.excess[block]) / self.pieces.least[block]

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The polygon mesh with its half-edges, submeshes, and validation."""
+"""The polygon mesh with its half-edges, submeshes, boxes around the surface of faces, and validation."""

@@ -12,6 +12,11 @@ import numpy as np
 
 from ..arrays.types import FloatArray
 from ..mesh.polygon_mesh import PolygonMesh
+from ..surface.bicubic import CORNERS
+from ..surface.surface_points import SurfacePoints, interpolate_linearly
+
+# More than the relative rounding of a factor: eight roundings of a logarithm, which is below 709, take 8·709·2⁻⁵³.
+ROUNDED = 2.0**-40
 
 
 class ToleranceError(ValueError):
@@ -37,3 +42,22 @@ class Variation:
         """(F,): the tolerances of whole faces, the least over each face."""
         found: FloatArray = tolerance * np.minimum.reduceat(self.factors, mesh.face_starts[:-1])
         return found
+
+    def at_points(self, mesh: PolygonMesh, points: SurfacePoints, positions: FloatArray) -> FloatArray:
+        """(N,): the factors at points of the surface, and no less, rounding included. positions: (N, 3), about, in the
+        space of the mesh."""
+        logarithms = interpolate_linearly(mesh, np.log(self.factors)[:, None], points)[:, 0]
+        found: FloatArray = (1 + ROUNDED) * np.exp(logarithms)
+        return found
+
+    def of_pieces(
+        self, mesh: PolygonMesh, corners: SurfacePoints, coefficients: FloatArray, excess: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The least and the greatest factors (N,) over pieces of the surface, rounding included.
+
+        corners: of the pieces, 4N points, four of a piece after each other: a rectangle of parameters. coefficients:
+        (N, 3, 16), in the space of the mesh; excess: (N,): the surface over a piece is within the excess of the hull.
+        """
+        at_corners = self.at_points(mesh, corners, coefficients[:, :, CORNERS].swapaxes(1, 2).reshape(-1, 3))
+        of_pieces = at_corners.reshape(-1, 4)
+        return (1 - 2 * ROUNDED) * of_pieces.min(axis=1), of_pieces.max(axis=1)
