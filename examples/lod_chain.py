@@ -16,6 +16,8 @@ meshes = [each for each in bpy.context.view_layer.objects if each.type == "MESH"
 with bpy.context.temp_override(selected_objects=meshes, active_object=meshes[0]):
     bpy.ops.ccdepth.lods(count=3, step=10, tolerance=float(finest), tolerance_mode="RELATIVE")
 for each in list(bpy.context.view_layer.objects):
+    if each.ccdepth.level >= 0:
+        each.hide_set(False)
     each.select_set(each.ccdepth.level >= 0)
 # Heat maps are for modellers.
 bpy.ops.ccdepth.clear()
