@@ -680,6 +680,10 @@ def nothing(_: Any) -> Any:
     return lambda *_args, **_named: None
 
 
+def forgotten_limits(limits: Any) -> Any:
+    return property(lambda refinement: limits.fget(replace(refinement, limits=None)))
+
+
 def no_norms(rough_bounds: Any) -> Any:
     """Bounds by the norm alone that are useless."""
 
@@ -777,9 +781,9 @@ ENTRIES = [
     ),
     Entry(SURFACE + "stencils.LARGEST_STENCIL_VALENCE", "none by stencils", set_to(0), EXTRAORDINARY),
     Entry(
-        SURFACE + "refinement.Refinement._known_limits",
+        SURFACE + "refinement.Refinement.limits_at_corners",
         "limits of descendants found anew",
-        by(nothing),
+        by(forgotten_limits),
         ("depths, creases", "adaptive, creases"),
     ),
     # Depths.
@@ -859,7 +863,7 @@ TOPOLOGY = "face_sizes", "corner_faces", "next_corner", "previous_corner", "edge
 TABLES = {
     SURFACE + "triangle_coefficients": ("arguments_of", "_ways_to_share", "_coefficients_over"),
     ADAPTIVE + "template_rows": ("_off_template",),
-    ADAPTIVE + "surface_pieces": ("regions_of", "parts_of"),
+    ADAPTIVE + "surface_pieces": ("parts_of",),
 }
 CACHES = {
     "topology": [MESH + f"polygon_mesh.PolygonMesh.{name}" for name in (*TOPOLOGY, "_twins")],

@@ -12,7 +12,7 @@ from ccdepth_addon.core.distance.leaf_surfaces import support_points
 from ccdepth_addon.core.distance.piece_hulls import Pieces
 from ccdepth_addon.core.distance.pieces import TRIANGLE_FORM
 from ccdepth_addon.core.distance.shell_bounds import shell_bounds
-from ccdepth_addon.core.distance.shells import Shell, Triangles
+from ccdepth_addon.core.distance.shells import JoinedTriangles, Shell
 from ccdepth_addon.core.distance.side_bounds import raised_at_sides
 from ccdepth_addon.core.mesh.level_quads import QUAD_TRIANGLES
 from ccdepth_addon.core.surface.triangle_coefficients import bicubic_basis
@@ -43,7 +43,7 @@ def landscape(bumps: float, seed: int, limit: float = 1.0, away: float = 0.0) ->
     is_turned = generator.random(mesh.face_count) < 0.5
     quads = mesh.corner_vertices.reshape(-1, 4)
     vertices = np.take_along_axis(quads[:, None], QUAD_TRIANGLES[is_turned.astype(int)], axis=2).reshape(-1, 3)
-    triangles = Triangles.of(mesh.positions[vertices], vertices)
+    triangles = JoinedTriangles.of(mesh.positions[vertices], vertices)
     return Shell.of(triangles, np.ones(mesh.vertex_count, dtype=bool), np.full(len(vertices), limit))
 
 
@@ -92,7 +92,7 @@ def test_hulls_higher_than_their_surface_count_at_walls(
     first = (np.arange(3)[:, None] * count + np.arange(count - 1)).reshape(-1, 1, 1)
     vertices = (first + np.array([[0, 1, count + 1], [0, count + 1, count]])).reshape(-1, 3)
     limits = np.full(len(vertices), 0.01)
-    shell = Shell.of(Triangles.of(positions[vertices], vertices), np.ones(len(positions), dtype=bool), limits)
+    shell = Shell.of(JoinedTriangles.of(positions[vertices], vertices), np.ones(len(positions), dtype=bool), limits)
     corners = positions[vertices]
     own = (corners[..., 0].min(axis=1) == 0) & (np.abs(corners[..., 1]).max(axis=1) < 1)
     own &= np.count_nonzero(corners[..., 0] == 0, axis=1) == 2

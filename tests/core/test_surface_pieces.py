@@ -6,7 +6,7 @@ import pytest
 
 from ccdepth_addon.core.adaptive.surface_pieces import (
     SOME,
-    over_triangles,
+    TilesOverTriangles,
     parts_of,
     pieces_by_corners,
     pieces_over,
@@ -51,7 +51,7 @@ def test_pieces_of_quads_are_all_of_a_square_and_over_their_triangles(place: tup
     for number in NUMBERS:
         points = TRIANGLES[number, : TRIANGLE_COUNTS[number]]
         drawn, total = np.pad(QUAD_POINTS[points], ((0, 0), (0, 0), (0, 1))), 0.0
-        over = over_triangles(np.array([number]), squares)
+        over = TilesOverTriangles.of(np.array([number]), squares)
         pieces = [each for _, each, _ in pieces_by_corners(drawn, tiles, over, first)]
         for triangle in over.triangles[over.shares == SOME].tolist():
             parts = parts_of(number, triangle, place, are_bicubic=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..distance.shells import Triangles
+from ..distance.shells import JoinedTriangles
 from ..mesh.submesh import compact
 from .leaf_approximation import LeafApproximation
 from .plan import Plan
@@ -87,9 +87,9 @@ class LeafTriangles:
         found: FloatArray = np.concatenate([plan.positions.of(of_tree), self.means])[self.vertices]
         return found
 
-    def joined(self, plan: Plan) -> Triangles:
+    def joined(self, plan: Plan) -> JoinedTriangles:
         """The triangles with the mean normals as vectors at the vertices."""
-        return Triangles.of(self.corners(plan), self.vertices)
+        return JoinedTriangles.of(self.corners(plan), self.vertices)
 
 
 def _means_of_corners(plan: Plan, leaves: IndexArray) -> FloatArray:

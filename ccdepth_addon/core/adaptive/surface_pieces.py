@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -65,31 +65,34 @@ class DrawnTiles(Table):
     firsts: IndexArray
 
 
-def quarter_keys(patterns: IndexArray, quarters: IndexArray) -> IndexArray:
-    """(P,): the keys of quarters of control triangles with patterns (P,) of split sides."""
-    return -1 - 3 * patterns - quarters
-
-
 # The halves of quarters of control polygons, drawn as triangles (centroid, a, b) around the centroid: at the side after
 # the quarter's corner, whole or split, and at the side before, whole or split. Each half has its places in the quarter,
-# corner and centroid first, and the weights of the triangle's corners there.
-AFTER, BEFORE = [(0, 0), (1, 1), (1, 0)], [(0, 0), (1, 1), (0, 1)]
+# counterclockwise from the corner, and the weights of the triangle's corners there.
+AFTER, BEFORE = [(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]
 HALVES_OF_QUARTERS: tuple[tuple[FloatArray, FloatArray], ...] = tuple(
     (np.array(places, dtype=np.float64), np.array(weights))
     for places, weights in (
-        (AFTER, [[0, 1, 0], [1, 0, 0], [0, 0.5, 0.5]]),
-        (AFTER, [[0, 1, 0], [1, 0, 0], [0.0, 0, 1]]),
+        (AFTER, [[0, 1, 0], [0, 0.5, 0.5], [1, 0, 0]]),
+        (AFTER, [[0, 1, 0], [0.0, 0, 1], [1, 0, 0]]),
         (BEFORE, [[0, 0, 1], [1, 0, 0], [0, 0.5, 0.5]]),
         (BEFORE, [[0, 0, 1], [1, 0, 0], [0.0, 1, 0]]),
     )
 )
-FIRST_OF_HALVES = -100
+
+# Keys are indices: first the numbers of templates, then quarters, then halves.
+FIRST_OF_QUARTERS = len(TRIANGLES)
+FIRST_OF_HALVES = FIRST_OF_QUARTERS + 3 * len(TRIANGLES_OF_TRIANGLE)
+
+
+def quarter_keys(patterns: IndexArray, quarters: IndexArray) -> IndexArray:
+    """(P,): the keys of quarters of control triangles with patterns (P,) of split sides."""
+    return FIRST_OF_QUARTERS + 3 * patterns + quarters
 
 
 def half_keys(are_before: bool, are_split: BoolArray) -> IndexArray:
     """(P,): the keys of halves of quarters of polygons, at the sides before or after their corners (P,), split or whole
     (P,)."""
-    return FIRST_OF_HALVES - 2 * int(are_before) - are_split
+    return FIRST_OF_HALVES + 2 * int(are_before) + are_split
 
 
 @dataclass(frozen=True)
@@ -121,29 +124,28 @@ FROM_CORNERS = np.linalg.inv(monomials(QUAD_POINTS[:4]))
 AT_GREVILLE = monomials(GREVILLE) @ FROM_CORNERS
 
 
-@cache
-def regions_of(key: int) -> tuple[_Region, ...]:
-    """The regions of all triangles of a key."""
-    if key <= FIRST_OF_HALVES:
-        corners, weights = HALVES_OF_QUARTERS[FIRST_OF_HALVES - key]
-        # Places are counted counterclockwise.
-        order = [0, 2, 1] if FIRST_OF_HALVES - key < 2 else [0, 1, 2]
-        return (_over(corners[order], weights[order]),)
-    if key < 0:
-        pattern, quarter = divmod(-1 - key, 3)
-        ring = np.roll(np.array([[1, 0, 0], [0.5, 0.5, 0], [1 / 3, 1 / 3, 1 / 3], [0.5, 0, 0.5]]), quarter, axis=1)
-        triangles = TRIANGLES_OF_TRIANGLE[pattern, : COUNTS_OF_TRIANGLE[pattern]]
-        found = [FROM_CORNERS @ ring @ np.rint(np.linalg.inv(TRIANGLE_POINTS[points])) for points in triangles]
-        return tuple(_Region(each, each) for each in found)
-    return tuple(_over(QUAD_POINTS[points], np.eye(3)) for points in TRIANGLES[key, : TRIANGLE_COUNTS[key]])
-
-
 def _over(corners: FloatArray, weights: FloatArray) -> _Region:
     """The region with corners (3, 2) in its quad, and weights (3, 3) of the drawn triangle's corners at these
     corners."""
     opposite, doubled_area = barycentric_rows(corners)
     region = np.insert(opposite[[2, 0, 1]] / doubled_area, 3, 0.0, axis=0)
     return _Region(region, region @ weights, corners)
+
+
+def _all_regions() -> Iterator[list[_Region]]:
+    """The regions of all triangles of each key."""
+    for triangles, count in zip(TRIANGLES, TRIANGLE_COUNTS, strict=True):
+        yield [_over(QUAD_POINTS[points], np.eye(3)) for points in triangles[:count]]
+    for triangles, count in zip(TRIANGLES_OF_TRIANGLE, COUNTS_OF_TRIANGLE, strict=True):
+        for quarter in range(3):
+            ring = np.roll(np.array([[1, 0, 0], [0.5, 0.5, 0], [1 / 3, 1 / 3, 1 / 3], [0.5, 0, 0.5]]), quarter, axis=1)
+            to_triangles = [np.rint(np.linalg.inv(TRIANGLE_POINTS[points])) for points in triangles[:count]]
+            yield [_Region(each, each) for each in (FROM_CORNERS @ ring @ own for own in to_triangles)]
+    for corners, weights in HALVES_OF_QUARTERS:
+        yield [_over(corners, weights)]
+
+
+REGIONS = list(_all_regions())
 
 
 # The share of a tile over a triangle: all, some, or else the half without corner 0, 1, 2 or 3.
@@ -166,35 +168,35 @@ class TilesOverTriangles(Table):
     weights: FloatArray
     shares: NDArray[np.int8]
 
-
-def over_triangles(keys: IndexArray, squares: Squares) -> TilesOverTriangles:
-    """The tiles over squares (P,), paired with the triangles of their keys."""
-    kinds, places = np.unique(keys, return_inverse=True)
-    regions = [regions_of(key) for key in kinds.tolist()]
-    counts = np.array([len(each) for each in regions], dtype=np.intp)[places.reshape(-1)]
-    firsts = np.cumsum([0, *map(len, regions)])[places.reshape(-1)]
-    tiles, which = np.repeat(np.arange(len(keys)), counts), ranges(firsts, counts)
-    region, drawn = (
-        np.stack([getattr(each, name) for of_kind in regions for each in of_kind]) for name in ("region", "drawn")
-    )
-    at_corners = monomials(np.moveaxis(squares.corners(), 0, 1))[tiles]
-    inside = at_corners @ region[which]
-    meets = np.flatnonzero(inside.max(axis=1).min(axis=1) > NOTHING)
-    tiles, which, inside = tiles[meets], which[meets], inside[meets]
-    shares = np.full(len(meets), SOME, dtype=np.int8)
-    shares[inside.min(axis=(1, 2)) >= -NOTHING] = ALL
-    for corner, half in enumerate(HALVES_OF_SQUARES):
-        # A side of the region is the diagonal between both halves; in quarters of triangles no diagonal is drawn.
-        is_cut = np.all(np.abs(inside[:, half[::2]]) <= NOTHING, axis=1) & (inside[:, corner] < -NOTHING)
-        is_half = is_cut.any(axis=1) & (inside[:, half].min(axis=(1, 2)) >= -NOTHING)
-        shares[is_half & np.all(region[which, 3] == 0, axis=1)] = corner
-    return TilesOverTriangles(tiles, which - firsts[tiles], at_corners[meets] @ drawn[which], shares)
+    @staticmethod
+    def of(keys: IndexArray, squares: Squares) -> TilesOverTriangles:
+        """The tiles over squares (P,), paired with the triangles of their keys."""
+        kinds, places = np.unique(keys, return_inverse=True)
+        regions = [REGIONS[key] for key in kinds.tolist()]
+        counts = np.array([len(each) for each in regions], dtype=np.intp)[places.reshape(-1)]
+        firsts = np.cumsum([0, *map(len, regions)])[places.reshape(-1)]
+        tiles, which = np.repeat(np.arange(len(keys)), counts), ranges(firsts, counts)
+        region, drawn = (
+            np.stack([getattr(each, name) for of_kind in regions for each in of_kind]) for name in ("region", "drawn")
+        )
+        at_corners = monomials(np.moveaxis(squares.corners(), 0, 1))[tiles]
+        inside = at_corners @ region[which]
+        meets = np.flatnonzero(inside.max(axis=1).min(axis=1) > NOTHING)
+        tiles, which, inside = tiles[meets], which[meets], inside[meets]
+        shares = np.full(len(meets), SOME, dtype=np.int8)
+        shares[inside.min(axis=(1, 2)) >= -NOTHING] = ALL
+        for corner, half in enumerate(HALVES_OF_SQUARES):
+            # A side of the region is the diagonal between both halves; in quarters of triangles no diagonal is drawn.
+            is_cut = np.all(np.abs(inside[:, half[::2]]) <= NOTHING, axis=1) & (inside[:, corner] < -NOTHING)
+            is_half = is_cut.any(axis=1) & (inside[:, half].min(axis=(1, 2)) >= -NOTHING)
+            shares[is_half & np.all(region[which, 3] == 0, axis=1)] = corner
+        return TilesOverTriangles(tiles, which - firsts[tiles], at_corners[meets] @ drawn[which], shares)
 
 
 @lru_cache(maxsize=8192)
 def parts_of(key: int, triangle: int, place: tuple[float, ...], *, are_bicubic: bool) -> tuple[Part, ...]:
     """The parts over one triangle of a tile over a square of the parameters. place: the square's origin and axes."""
-    region, numbers = regions_of(key)[triangle], np.array(place)
+    region, numbers = REGIONS[key][triangle], np.array(place)
     square = Square(numbers[:2], numbers[2:].reshape(2, 2))
     if region.corners is None:
         splits = SPLITS_AT_LINES if are_bicubic else 0
@@ -249,7 +251,7 @@ def pieces_of_tiles(
     """The pieces of tiles, with the tile of each and their form. corners: (M, 3, 3), of triangles; firsts: (P,), the
     first triangle of each tile's leaf."""
     tiles, squares = drawn.tiles, drawn.tiles.squares
-    over = over_triangles(drawn.keys, squares)
+    over = TilesOverTriangles.of(drawn.keys, squares)
     yield from pieces_by_corners(corners, tiles, over, firsts)
     cut = over.at(np.flatnonzero(over.shares == SOME if tiles.are_bicubic else over.shares != ALL))
     columns = (drawn.keys, squares.origins, squares.axes.reshape(-1, 4))

@@ -2,7 +2,7 @@
 """The limit positions of a tree's vertices: recorded when leaves are approximated, or evaluated on demand.
 
 The points of a bicubic quad are convex combinations of control points, like those of ``evaluation``, so the same
-allowance covers rounding (``face_depths.rounding_allowance``). Quads that share a vertex may differ by rounding; the
+allowance covers rounding (``rounding.rounding_allowance``). Quads that share a vertex may differ by rounding; the
 last position recorded counts.
 """
 

@@ -24,7 +24,7 @@ RANGE_SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class Triangles:
+class JoinedTriangles:
     """T triangles of a shell: M triangles, then flaps. corners, vectors: (T, 3, 3), T(p) and N(p) at the corners.
     normals: (T, 3), unit vectors. vertices: (M, 3) intp, with vertices duplicated along closed sides; origins: (V,)
     intp, the original vertices. across: (M, 3) intp, the triangle across each side, from corner k to k + 1; apexes:
@@ -41,7 +41,7 @@ class Triangles:
     is_closed: BoolArray
 
     @staticmethod
-    def of(corners: FloatArray, vertices: IndexArray) -> Triangles:
+    def of(corners: FloatArray, vertices: IndexArray) -> JoinedTriangles:
         """The triangles with corners (M, 3, 3) and vertices (M, 3), joined at sides of exactly two triangles of one
         orientation, with flaps at all other sides. Vectors are mean normals."""
         across, apexes, is_closed = _neighbours(vertices)
@@ -52,7 +52,7 @@ class Triangles:
         across[own, side] = len(corners) + np.arange(len(own))
         apexes[own, side] = 2
         flaps, their_vectors = _flaps(corners, vectors, normals, own, side)
-        return Triangles(
+        return JoinedTriangles(
             np.concatenate([corners, flaps]),
             np.concatenate([vectors, their_vectors]),
             np.concatenate([normals, normals[own]]),
@@ -93,7 +93,7 @@ def _cut(
 
 
 def _neighbours(vertices: IndexArray) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """``Triangles.across``, ``apexes`` and ``is_closed`` of triangles (M, 3): a side is open between exactly two
+    """``JoinedTriangles.across``, ``apexes`` and ``is_closed`` of triangles (M, 3): a side is open between exactly two
     triangles of one orientation."""
     count = int(vertices.max(initial=-1)) + 1
     ends = np.stack([vertices.ravel(), np.roll(vertices, -1, axis=1).ravel()])
@@ -137,7 +137,7 @@ class Shell:
     and of its own plane; slopes: (3, T), how far a wall is off such a plane, times |s|.
     """
 
-    triangles: Triangles
+    triangles: JoinedTriangles
     cosines: FloatArray
     ranges: FloatArray
     radii: FloatArray
@@ -151,7 +151,7 @@ class Shell:
     slopes: FloatArray
 
     @staticmethod
-    def of(triangles: Triangles, is_whole: BoolArray, limits: FloatArray) -> Shell:
+    def of(triangles: JoinedTriangles, is_whole: BoolArray, limits: FloatArray) -> Shell:
         """The shell over triangles. is_whole: whether all triangles around an original vertex are given, or beyond
         closed sides. limits: (M,), the largest distances of use."""
         cosines = dot_products(triangles.normals[:, None], triangles.vectors).min(axis=1)
@@ -169,7 +169,7 @@ class Shell:
         )  # fmt: skip
 
 
-def _walls(triangles: Triangles) -> tuple[FloatArray, FloatArray]:
+def _walls(triangles: JoinedTriangles) -> tuple[FloatArray, FloatArray]:
     """``Shell.planes`` and ``slopes``."""
     corners, vectors = (component_major(each.swapaxes(0, 1)) for each in (triangles.corners, triangles.vectors))
     planes, slopes = [], []
@@ -182,7 +182,7 @@ def _walls(triangles: Triangles) -> tuple[FloatArray, FloatArray]:
 
 # Where vectors are parallel there is no such range.
 @np.errstate(over="ignore")
-def _prism_ranges(triangles: Triangles) -> FloatArray:
+def _prism_ranges(triangles: JoinedTriangles) -> FloatArray:
     """(T,): the largest |s| up to which a prism is not turned inside out: N · (T_u + s N_u) × (T_v + s N_v) > 0 at the
     corners, and so in the whole prism."""
     (along, across), (turn, other_turn) = (
@@ -210,7 +210,7 @@ class _Stars:
     triangles: IndexArray
 
     @staticmethod
-    def of(triangles: Triangles, is_whole: BoolArray, prism_ranges: FloatArray) -> _Stars:
+    def of(triangles: JoinedTriangles, is_whole: BoolArray, prism_ranges: FloatArray) -> _Stars:
         count, own, every = len(is_whole), len(triangles.vertices), len(triangles.corners)
         flap_vertices = triangles.flap_vertices()
         which = np.concatenate([np.repeat(np.arange(own), 3), np.repeat(np.arange(own, every), 2)])
@@ -231,7 +231,7 @@ class _Stars:
         return _Stars(np.where(is_whole & goes_once, ranges, 0.0), distances, is_border, starts, which)
 
 
-def _at_corners(triangles: Triangles, which: IndexArray, corners: IndexArray) -> tuple[FloatArray, FloatArray]:
+def _at_corners(triangles: JoinedTriangles, which: IndexArray, corners: IndexArray) -> tuple[FloatArray, FloatArray]:
     """(n,) each: the angles of triangles at given corners, seen along the vectors there; and the distances of the
     opposite sides."""
     points, vector = triangles.corners[which, corners], triangles.vectors[which, corners]

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,18 +16,19 @@ from .limit_positions import limit_positions
 from .new_vertices import limits_of_new_vertices
 
 
-@dataclass(frozen=True)
+@dataclass
 class Refinement:
     """Descendants of base faces at one level.
 
     mesh: the descendants, its first faces, then all the other faces around their corners. bases: (descendants,) intp,
     the base face of each. origins: (descendants, 3) float64, the limit positions at their corners 0; None if unknown,
-    or if some descendants come from n-gons.
+    or if some descendants come from n-gons. limits: ``limits_at_corners``; None until they are asked for.
     """
 
     mesh: PolygonMesh
     bases: IndexArray
     origins: FloatArray | None = None
+    limits: FloatArray | None = None
 
     @staticmethod
     def start(mesh: PolygonMesh, faces: IndexArray) -> Refinement:
@@ -38,14 +39,9 @@ class Refinement:
     def joined(parts: Sequence[Refinement]) -> Refinement:
         """The descendants of several, one after the other, each its own base."""
         counts = [len(each.bases) for each in parts]
-        origins = [each.origins for each in parts if each.origins is not None]
-        limits = [each for each in (part._known_limits() for part in parts) if each is not None]
-        found = Refinement(
-            joined_meshes([each.mesh for each in parts], counts),
-            np.arange(sum(counts)),
-            np.concatenate(origins) if len(origins) == len(parts) else None,
-        )
-        return found._with_limits(np.concatenate(limits) if len(limits) == len(parts) else None, slice(None))
+        mesh = joined_meshes([each.mesh for each in parts], counts)
+        origins, limits = ([each.origins for each in parts], [each.limits for each in parts])
+        return Refinement(mesh, np.arange(sum(counts)), _joined_if_known(origins), _joined_if_known(limits))
 
     def keep(self, wanted: BoolArray) -> Refinement:
         """The wanted descendants alone: (descendants,) bool."""
@@ -53,8 +49,8 @@ class Refinement:
             return self
         kept = np.flatnonzero(wanted)
         origins = None if self.origins is None else self.origins[kept]
-        part = Refinement(submesh(self.mesh, kept)[0], self.bases[kept], origins)
-        return part._with_limits(self._known_limits(), corners_of_faces(self.mesh, kept))
+        limits = None if self.limits is None else self.limits[corners_of_faces(self.mesh, kept)]
+        return Refinement(submesh(self.mesh, kept)[0], self.bases[kept], origins, limits)
 
     def of(self, wanted: BoolArray) -> Refinement:
         """The descendants of wanted base faces: (base faces,) bool."""
@@ -65,12 +61,11 @@ class Refinement:
         if not len(self.bases):
             return self
         bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
-        return Refinement(subdivide(self.mesh), bases, self._known_limits() if self.are_quads else None)
+        return Refinement(subdivide(self.mesh), bases, self.limits if self.are_quads else None)
 
     def numbered(self) -> Refinement:
         """The refinement with each descendant as its own base."""
-        same = Refinement(self.mesh, np.arange(len(self.bases)), self.origins)
-        return same._with_limits(self._known_limits(), slice(None))
+        return replace(self, bases=np.arange(len(self.bases)))
 
     def corner_vertices(self) -> IndexArray:
         """(C,) intp, the vertices at the corners of the descendants, face by face."""
@@ -79,12 +74,10 @@ class Refinement:
     @property
     def limits_at_corners(self) -> FloatArray:
         """(C, 3) float64, the limit positions of the vertices at the descendants' corners, computed once."""
-        limits = self._known_limits()
-        if limits is None:
-            limits = self._find_limits()
+        if self.limits is None:
             # No cached_property: before Python 3.12 one thread would wait for the other's.
-            vars(self)["limits"] = limits
-        return limits
+            self.limits = self._find_limits()
+        return self.limits
 
     def _find_limits(self) -> FloatArray:
         if self.origins is not None:
@@ -94,16 +87,6 @@ class Refinement:
         wanted = np.zeros(self.mesh.vertex_count, dtype=bool)
         wanted[vertices] = True
         return limit_positions(self.mesh, wanted)[vertices]
-
-    def _known_limits(self) -> FloatArray | None:
-        """``limits_at_corners``, if they have been computed."""
-        return vars(self).get("limits")
-
-    def _with_limits(self, limits: FloatArray | None, corners: IndexArray | slice) -> Refinement:
-        """The refinement with known limits at corners, some of those of another refinement."""
-        if limits is not None:
-            vars(self)["limits"] = limits[corners]
-        return self
 
     @property
     def are_quads(self) -> bool:
@@ -130,3 +113,9 @@ class Refinement:
         centroids = np.add.reduceat(facets, self.mesh.face_starts[:count]) / sizes[:, None]
         middles = (facets + facets[following]) / 2
         return np.stack([facets, middles, np.repeat(centroids, sizes, axis=0), middles[before]])
+
+
+def _joined_if_known(parts: Sequence[FloatArray | None]) -> FloatArray | None:
+    """The arrays, one after the other; None if one of them is unknown."""
+    known = [each for each in parts if each is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
