@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, index_chunks
+from ..arrays.masks import mask
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
@@ -99,8 +100,7 @@ class FaceFeet:
                 for own, values in zip(at_vertices, constants, strict=True):
                     np.maximum.at(own, at, values)
         # Feet stay on faces with known curvature, where the surface is smooth.
-        unknown = np.zeros(mesh.vertex_count, dtype=bool)
-        unknown[mesh.corner_vertices[~is_known[mesh.corner_faces]]] = True
+        unknown = mask(mesh.vertex_count, mesh.corner_vertices[~is_known[mesh.corner_faces]])
         at_vertices[:, unknown] = np.inf
         curvature, speed = at_vertices[:, corners].max(axis=2)
         # Beside an extraordinary face, feet stay on the regular children there: they may go half as far.

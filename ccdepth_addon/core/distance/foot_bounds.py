@@ -16,6 +16,7 @@ import numpy as np
 from ..arrays.matrix_products import matrix_product
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray
+from ..arrays.vectors import crosses, products
 from ..bounds.norm_bounds import Vertices
 from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, tensor
 
@@ -174,11 +175,13 @@ class Frame:
     def of(nets: FloatArray) -> Frame:
         """The frames of regular faces with nets (16, 3, P)."""
         middle, along_u, along_v = matrix_product(MIDDLE, nets.reshape(16, -1)).reshape(3, *nets.shape[1:])
-        normal = _cross(along_u, along_v)
-        square, squares = _dot(normal, normal), np.stack([_dot(along_u, along_u), _dot(along_v, along_v)])
+        normal = crosses(along_u, along_v)
+        square, squares = products(normal, normal), np.stack([products(along_u, along_u), products(along_v, along_v)])
         has_normal = square > LEAST_SINE**2 * squares[0] * squares[1]
         square = np.where(has_normal, square, 1.0)
-        axes = np.stack([normal / np.sqrt(square), _cross(along_v, normal) / square, _cross(normal, along_u) / square])
+        axes = np.stack(
+            [normal / np.sqrt(square), crosses(along_v, normal) / square, crosses(normal, along_u) / square]
+        )
         local = along_axes(axes, nets - middle)
         rounding = ROUNDING * np.maximum(local.max(axis=0), -local.min(axis=0))
         second = matrix_product(SECONDS, local.reshape(16, -1)).reshape(-1, *middle.shape)
@@ -205,7 +208,7 @@ class Frame:
     @cached_property
     def dual_lengths(self) -> tuple[FloatArray, FloatArray]:
         """|x| and |y|, (P,) each."""
-        return np.sqrt(_dot(self.axes[1], self.axes[1])), np.sqrt(_dot(self.axes[2], self.axes[2]))
+        return np.sqrt(products(self.axes[1], self.axes[1])), np.sqrt(products(self.axes[2], self.axes[2]))
 
     @property
     def speeds(self) -> tuple[FloatArray, FloatArray]:
@@ -236,16 +239,6 @@ def along_axes(axes: FloatArray, vectors: FloatArray) -> FloatArray:
         own += vectors[:, 1] * axis[1]
         own += vectors[:, 2] * axis[2]
     return found
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(3, P) of (3, P) each."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(P,) of (3, P) each."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _along(frame: Frame, vertices: Vertices, is_turned: BoolArray) -> FloatArray:
