@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arrays.chunks import index_chunks
 from ..arrays.column import Column
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import patch_coefficients
 from ..surface.patches import PatchKind, classify_patches, regular_nets
@@ -135,8 +136,7 @@ class NodeSurfaces:
         numbers, places = self._blocks.values[nodes], self._places.values[nodes]
         for number in np.unique(numbers).tolist():
             block = self._refined[number]
-            wanted = np.zeros(len(block.nodes), dtype=bool)
-            wanted[places[numbers == number]] = True
+            wanted = mask(len(block.nodes), places[numbers == number])
             yield wanted, block
 
     def _put_patches(self, nodes: IndexArray, nets: FloatArray, are_inside: BoolArray) -> None:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import lengths, units
 from ..mesh.polygon_mesh import PolygonMesh
@@ -146,8 +147,7 @@ def _split(plan: Plan, leaves: IndexArray, ways: IndexArray) -> IndexArray:
     """Split leaves, and in the mode PER_FACE all leaves of their faces. Returns the children."""
     if plan.request.mode is Mode.PER_FACE:
         tree, every = plan.tree, plan.tree.leaves()
-        faces = np.zeros(tree.mesh.face_count, dtype=bool)
-        faces[tree.base_faces[leaves]] = True
+        faces = mask(tree.mesh.face_count, tree.base_faces[leaves])
         leaves = every[faces[tree.base_faces[every]]]
         ways = np.full(len(leaves), QUARTERS)
     return plan.split(leaves, ways)

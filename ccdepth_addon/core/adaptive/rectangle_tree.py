@@ -37,6 +37,17 @@ Point = tuple[int, bool]
 # The ways to split nodes: into halves one after the other along u or along v, or into quarters.
 ALONG_U, ALONG_V, QUARTERS = 0, 1, 2
 
+# The halves of a quad along u, and along v: (2, 2, 4), their vertices among ``QUAD_POINTS``; and their sides among the
+# quad's sides, the halves of these at their starts, the halves at their ends, and the new edge.
+HALF_POINTS = np.array([[[0, 4, 6, 3], [4, 1, 2, 6]], [[0, 1, 5, 7], [7, 5, 2, 3]]])
+START, END, INNER = 4, 8, 12
+HALF_SIDES = np.array(
+    [
+        [[START + 0, INNER, END + 2, 3], [END + 0, 1, START + 2, INNER]],
+        [[0, START + 1, INNER, END + 3], [INNER, END + 1, 2, START + 3]],
+    ]
+)
+
 # The corners of a quad, the middles of its sides, and its sides from corner to corner, as complex numbers:
 # multiplication turns and scales parameters.
 COMPLEX_POINTS = QUAD_POINTS @ np.array([1, 1j])
@@ -288,26 +299,16 @@ class RectangleTree:
                 self._halve(nodes[part], way)
 
     def _halve(self, nodes: IndexArray, way: int) -> None:
-        # Slots count from the first slot with a split side; in the end they count as the parameters do.
-        slots = self.first_slots(nodes)[:, None] + (np.arange(4) + way) % 4
+        slots = self.quad_slots(nodes)
         edges, vertices = self.slot_edges[slots], self.slot_vertices[slots]
         corners, origins = self._frame_corners.values[nodes], self._frame_origins.values[nodes]
-        axes = self._frame_axes(nodes)
-        step = axes[way] / 2
-        places = np.stack([origins + step, origins + step + axes[1 - way]])
-        if way == ALONG_V:
-            places = places[::-1]
-        ends = edges[:, [0, 2]].T.ravel()
-        self._split_edges(ends, np.tile(corners, 2), places.ravel())
-        first, second = self.midpoints[edges[:, 0]], self.midpoints[edges[:, 2]]
-        inner = self._append_edges(np.stack([first, second], axis=1), NONE)
-        halves = self._half_of(edges[:, [0, 0, 2, 2]], vertices)
-        of_one = [vertices[:, 0], first, second, vertices[:, 3]], [halves[:, 0], inner, halves[:, 3], edges[:, 3]]
-        of_other = [first, vertices[:, 1], vertices[:, 2], second], [halves[:, 1], edges[:, 1], halves[:, 2], inner]
-        of_children = [np.roll(np.stack(each, axis=1), way, axis=1) for pair in (of_one, of_other) for each in pair]
-        child_vertices, child_edges = (
-            np.stack([of_children[k], of_children[k + 2]], axis=1).reshape(-1, 4) for k in (0, 1)
-        )
+        axes, split = self._frame_axes(nodes), [way, way + 2]
+        places = [origins + u * axes[0] + v * axes[1] for u, v in QUAD_POINTS[4:][split]]
+        self._split_edges(edges[:, split].T.ravel(), np.tile(corners, 2), np.concatenate(places))
+        points = np.concatenate([vertices, self.midpoints[edges]], axis=1)
+        inner = self._append_edges(self.midpoints[edges[:, split]], NONE)
+        halves = [self._half_of(edges, ends) for ends in (vertices, np.roll(vertices, -1, axis=1))]
+        sides = np.concatenate([edges, *halves, inner[:, None]], axis=1)
         levels = np.repeat(self.levels[nodes], 2, axis=0)
         levels[:, way] += 1
         self._append_children(
@@ -315,10 +316,10 @@ class RectangleTree:
             np.full(len(nodes), 2),
             levels,
             np.repeat(corners, 2),
-            np.stack([origins, origins + step], axis=1).ravel(),
+            np.stack([origins, origins + axes[way] / 2], axis=1).ravel(),
             np.repeat(self._frame_turns.values[nodes], 2),
-            child_vertices,
-            child_edges,
+            points[:, HALF_POINTS[way]].reshape(-1, 4),
+            sides[:, HALF_SIDES[way]].reshape(-1, 4),
         )
 
     def _quarter(self, nodes: IndexArray) -> None:

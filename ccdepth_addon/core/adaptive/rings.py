@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays.ranges import any_of_ranges
-from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.masks import mask
+from ..arrays.types import FloatArray, IndexArray
+from ..mesh.submesh import rings_around
 from .rectangle_tree import NONE, RectangleTree
 
 
@@ -27,17 +28,8 @@ def with_rings(tree: RectangleTree, leaves: IndexArray, rings: int) -> IndexArra
     """Leaves and a number of rings of leaves around them, in ascending order."""
     for _ in range(rings):
         if len(leaves):
-            around = np.flatnonzero(_faces_around(tree, leaves).take(tree.base_faces) & (tree.first_child == NONE))
+            # Every leaf that shares a vertex with the given leaves lies on such a face.
+            faces = rings_around(tree.mesh, mask(tree.mesh.face_count, tree.base_faces[leaves]), 1)
+            around = np.flatnonzero(faces.take(tree.base_faces) & (tree.first_child == NONE))
             leaves = around[tree.share_a_vertex(around, leaves)]
     return leaves
-
-
-def _faces_around(tree: RectangleTree, nodes: IndexArray) -> BoolArray:
-    """(control faces,) bool: whether a control face shares a vertex with a face of the nodes. Every node that shares a
-    vertex with the given nodes lies on such a face."""
-    mesh = tree.mesh
-    marked = np.zeros(mesh.face_count, dtype=bool)
-    marked[tree.base_faces[nodes]] = True
-    at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
-    at_vertices[mesh.corner_vertices[marked.take(mesh.corner_faces)]] = True
-    return any_of_ranges(at_vertices.take(mesh.corner_vertices), mesh.face_sizes)

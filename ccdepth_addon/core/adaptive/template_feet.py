@@ -13,7 +13,7 @@ from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.matrix_products import matrix_product
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import lengths
-from ..distance.foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, foot_distances
+from ..distance.foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, along_normals, foot_distances
 from ..surface.bicubic import NET_TO_BERNSTEIN
 from .plan import Plan
 from .rings import largest_around, with_rings
@@ -50,14 +50,11 @@ def template_feet(
     the limits (P,) needs. curvature, speed: (P,), κ and α around each leaf, α in units of m per length."""
     nets, _ = _nets(coefficients)
     frame, rounding = Frame.of(nets), ROUNDING * np.abs(nets).max(axis=(0, 1))
-    tilts = np.stack(frame.tilts)
-    tilt = (tilts * frame.dual_lengths).sum(axis=0)
 
     def distances(off: FloatArray, own: IndexArray) -> FloatArray:
-        heights, xi, eta = np.abs(along_axes(frame.axes[:, :, own], off.swapaxes(1, 2))).swapaxes(0, 1)
-        heights += tilts[0, own] * xi
-        heights += tilts[1, own] * eta
-        along = heights.max(axis=0) * (1 + ROUNDING) + rounding[own] * (1 + tilt[own])
+        components = np.abs(along_axes(frame.axes[:, :, own], off.swapaxes(1, 2)))
+        heights = along_normals(components, frame.tilts[:, own])
+        along = heights.max(axis=0) * (1 + ROUNDING) + rounding[own] * (1 + frame.tilt[own])
         reach = lengths(off).max(axis=0) * (1 + ROUNDING) + rounding[own]
         return foot_distances(along, reach, curvature[own], speed[own], 1.0)
 

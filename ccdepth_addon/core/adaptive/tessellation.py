@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, chunks, index_chunks
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 from ..mesh.submesh import compact, renumber
 from ..surface.surface_points import SurfacePoints
@@ -257,8 +258,7 @@ def _edges(
     (C,) the tree's edge from each corner to the next, or NONE; renumbered in place. Edges of the tree need no check of
     their faces, as the tree is balanced.
     """
-    is_used = np.zeros(len(tree.edge_vertices) + 1, dtype=bool)
-    is_used[sides] = True
+    is_used = mask(len(tree.edge_vertices) + 1, sides)
     outer_count = int(np.count_nonzero(is_used[:NONE]))
     inner = np.flatnonzero(sides == NONE)
     inner_vertices, of_inner = _inner_edges(inner, starts, corner_vertices, len(used))

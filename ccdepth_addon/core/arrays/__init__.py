@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Array types, chunks, matrix products, tables, threads, vectors."""
+"""Array types, chunks, masks, matrix products, tables, threads, vectors."""

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arrays of vectors (…, P, 3), and the component-major layout.
+"""Arrays of vectors (…, P, 3), the component-major layout, and columns (…, 3, N).
 
 An array of vectors is *component-major* when it lies in memory as (…, 3, P): all x, then all y, then all z. Indexing,
 shapes and results are the same as in any other layout; only the time differs, because numpy works along whole runs of
 one component. ``selected_vectors`` and ``transformed_nets`` make such arrays; ``cross_products`` and elementwise
-arithmetic keep the layout. No function requires it.
+arithmetic keep the layout. No function requires it. Columns are the same arrays with both last axes exchanged: each
+value of all things next to each other, so that sums and maxima run along them.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def dot_products(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def cross_products(a: FloatArray, b: FloatArray) -> FloatArray:
     """(…, 3): the cross products of vectors (…, 3), several times as fast as numpy's own."""
-    product = np.empty_like(a, shape=np.broadcast_shapes(a.shape, b.shape))
+    product = np.empty_like(max(a, b, key=np.ndim), shape=np.broadcast_shapes(a.shape, b.shape))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         np.multiply(a[..., j], b[..., k], out=product[..., i])
         product[..., i] -= a[..., k] * b[..., j]
@@ -79,6 +80,32 @@ def angles_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """(…): the angles between unit vectors (…, 3), well-conditioned near 0."""
     found: FloatArray = 2 * np.arcsin(np.minimum(lengths(a - b) / 2, 1.0))
     return found
+
+
+def columns(rows: FloatArray) -> FloatArray:
+    """(N, …) → (…, N): rows as columns."""
+    return np.ascontiguousarray(np.moveaxis(rows, 0, -1))
+
+
+def products(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(…, N): the scalar products of columns (…, 3, N)."""
+    return dot_products(one.swapaxes(-1, -2), other.swapaxes(-1, -2))
+
+
+def crosses(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(…, 3, N): the cross products of columns (…, 3, N)."""
+    return cross_products(one.swapaxes(-1, -2), other.swapaxes(-1, -2)).swapaxes(-1, -2)
+
+
+def applied(functionals: FloatArray, points: FloatArray) -> FloatArray:
+    """(k, m, N): the values of linear functionals (k, 3, N) of points (3, m, N)."""
+    values = np.empty((len(functionals), *points.shape[1:]))
+    product = np.empty(points.shape[1:])
+    for functional, value in zip(functionals, values, strict=True):
+        np.multiply(functional[0], points[0], out=value)
+        for axis in (1, 2):
+            value += np.multiply(functional[axis], points[axis], out=product)
+    return values
 
 
 def sums_by_index(indices: IndexArray, vectors: FloatArray, count: int) -> FloatArray:

@@ -21,6 +21,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import INFINITELY_SHARP, PolygonMesh
 
@@ -144,9 +145,7 @@ def _not_manifold(mesh: PolygonMesh) -> BoolArray:
 
 def _touch(mesh: PolygonMesh, edges: BoolArray) -> BoolArray:
     """(V,) bool: whether a vertex touches one of the given edges (E,)."""
-    found = np.zeros(mesh.vertex_count, dtype=bool)
-    found[mesh.edge_vertices[edges].reshape(-1)] = True
-    return found
+    return mask(mesh.vertex_count, mesh.edge_vertices[edges].reshape(-1))
 
 
 class _CutMesh:
@@ -168,8 +167,7 @@ class _CutMesh:
         edges = self.base.corner_edges
         agreed = np.zeros((self.base.edge_count, 2), dtype=np.intp)
         agreed[edges] = ends
-        cut = np.zeros(self.base.edge_count, dtype=bool)
-        cut[edges[(ends != agreed[edges]).any(axis=1)]] = True
+        cut = mask(self.base.edge_count, edges[(ends != agreed[edges]).any(axis=1)])
         return cut
 
     def _with_edges(self, corner_uvs: IndexArray, positions: FloatArray, ends: IndexArray) -> PolygonMesh:
@@ -233,9 +231,7 @@ def _sharp_corners(cut: _CutMesh, smooth: str) -> BoolArray:
 
 def _anywhere(cut: _CutMesh, chosen: BoolArray) -> BoolArray:
     """(V,) whether one of the UV vertices at a vertex is among the chosen ones (W,)."""
-    found = np.zeros(cut.base.vertex_count, dtype=bool)
-    found[cut.base_vertices[chosen]] = True
-    return found
+    return mask(cut.base.vertex_count, cut.base_vertices[chosen])
 
 
 def _neighbours_sharpness(cut: _CutMesh, smooth: str) -> FloatArray:

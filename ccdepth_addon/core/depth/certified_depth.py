@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, index_chunks
+from ..arrays.masks import mask
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
@@ -262,8 +263,7 @@ class _CertifiedSearch:
         refinement = self.refinement
         if refinement is not None and len(refinement.bases) and np.all(refinement.mesh.face_sizes == 4):
             bounds = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
-            wanted = np.zeros(len(bounds), dtype=bool)
-            wanted[_undecided(decision, refinement.bases, bounds)] = True
+            wanted = mask(len(bounds), _undecided(decision, refinement.bases, bounds))
             self.refinement = refinement.keep(wanted)
 
     def _descend(self, wanted: BoolArray) -> None:

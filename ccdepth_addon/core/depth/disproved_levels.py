@@ -15,12 +15,12 @@ from functools import partial
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, index_chunks
+from ..arrays.masks import mask
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import cross_products, dot_products, units
+from ..arrays.vectors import columns, cross_products, dot_products, units
 from ..bounds.norm_bounds import Vertices
 from ..deviation.box_tree import BoxTree, overlapping
-from ..deviation.columns import columns
 from ..deviation.triangles import distance_slack, to_triangles
 from ..distance.middle_distances import (
     are_apart,
@@ -193,8 +193,7 @@ class DisprovedLevels:
         for later in range(level):
             if later:
                 boxes = _support_boxes(leaves.refinement.mesh, leaves.count)
-                near = np.zeros(leaves.count, dtype=bool)
-                near[overlapping(around, BoxTree.around(*boxes))[1]] = True
+                near = mask(leaves.count, overlapping(around, BoxTree.around(*boxes))[1])
                 leaves = leaves.keep(near)
             if not leaves.count:
                 return found
@@ -255,8 +254,7 @@ class _Leaves:
         limits = self.refinement.limits_at_corners.reshape(-1, 4, 3).swapaxes(0, 1)
         off += [limits[0] - a, limits[1] - b, limits[2] - c, limits[3] - d]
         sag = np.abs(dot_products(np.stack(off), normals)).max(axis=0)
-        wanted = np.zeros(self.count, dtype=bool)
-        wanted[_largest_of_each(sag, self.refinement.bases, count)] = True
+        wanted = mask(self.count, _largest_of_each(sag, self.refinement.bases, count))
         return self.keep(wanted)
 
     def triangles(self) -> tuple[FloatArray, IndexArray]:

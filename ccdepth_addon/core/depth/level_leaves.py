@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
 from ..deviation.leaf_deviations import DrawnLeaves
 from ..distance.face_feet import FaceFeet
 from ..mesh.level_quads import turned_children
 from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import rings_around
 from ..surface.patches import PatchKind, classify_patches
 from ..surface.refinement import Refinement
 
@@ -83,28 +85,6 @@ class LevelLeaves:
             refinement = refinement.refined()
         leaves = DrawnLeaves.of(refinement, is_turned, vertices, mesh.axes)
         return LevelLeaves(leaves, bases, is_own, bounds)
-
-
-def mask(count: int, chosen: IndexArray | BoolArray) -> BoolArray:
-    """(count,) bool: the chosen ones."""
-    found = np.zeros(count, dtype=bool)
-    found[chosen] = True
-    return found
-
-
-def rings_around(mesh: PolygonMesh, wanted: BoolArray, rings: int) -> BoolArray:
-    """(n,) bool: the wanted faces (n,) among the first n, and a number of rings around them."""
-    for _ in range(rings):
-        wanted = _touching(mesh, wanted)
-    return wanted
-
-
-def _touching(mesh: PolygonMesh, wanted: BoolArray) -> BoolArray:
-    """(n,) bool: the wanted faces (n,) among the first n, and all that share a vertex with a wanted face."""
-    last = mesh.face_starts[len(wanted)]
-    vertices, faces = mesh.corner_vertices[:last], mesh.corner_faces[:last]
-    touched = mask(mesh.vertex_count, vertices[wanted[faces]])
-    return np.logical_or.reduceat(touched[vertices], mesh.face_starts[: len(wanted)]) if len(wanted) else wanted
 
 
 def _are_regular(refinement: Refinement, is_own: BoolArray) -> BoolArray:

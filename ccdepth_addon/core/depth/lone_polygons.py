@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays.masks import mask
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
 from ..bounds.polygon_bounds import ANGLE_ROUNDING
@@ -19,8 +20,7 @@ def lone_polygon_bounds(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
     chosen = np.flatnonzero(mesh.face_sizes[faces] > 4)
     if not len(chosen):
         return found
-    is_chosen = np.zeros(mesh.face_count, dtype=bool)
-    is_chosen[faces[chosen]] = True
+    is_chosen = mask(mesh.face_count, faces[chosen])
     own, sizes = np.flatnonzero(is_chosen[mesh.corner_faces]), mesh.face_sizes[faces[chosen]]
     starts, vertices = np.cumsum(sizes) - sizes, mesh.corner_vertices[own]
     points, before, following = (

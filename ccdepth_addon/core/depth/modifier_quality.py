@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from ..mesh.polygon_mesh import PolygonMesh
@@ -68,8 +69,7 @@ def unmet_corners(mesh: PolygonMesh) -> UnmetCorners:
     for level in range(MOST_QUALITY + 1):
         gaps[level] = _gaps(refinement.mesh, refinement.mesh.corner_vertices[places], is_lone).max()
         # Children come in the order of the corners, which rise.
-        own = np.zeros(len(refinement.corner_vertices()), dtype=bool)
-        own[places] = True
+        own = mask(len(refinement.corner_vertices()), places)
         children = refinement.refined()
         refinement = replace(children, bases=np.arange(len(own))).keep(own)
         places = 4 * np.arange(len(corners))
@@ -88,8 +88,7 @@ def _lone_and_dart(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
 
 def _gaps(mesh: PolygonMesh, vertices: IndexArray, is_lone: BoolArray) -> FloatArray:
     """(N,): the distances from the surface at which OpenSubdiv puts vertices at its last level."""
-    wanted = np.zeros(mesh.vertex_count, dtype=bool)
-    wanted[vertices] = True
+    wanted = mask(mesh.vertex_count, vertices)
     smooth = mesh.changed(
         edge_sharpness=np.zeros(len(mesh.edge_sharpness)), vertex_sharpness=np.zeros(mesh.vertex_count)
     )

@@ -28,9 +28,9 @@ from ..surface.catmull_clark import subdivide
 from ..surface.patches import classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
 from ..surface.stencils import by_valence
-from .columns import NONE
 from .extraordinary_pieces import children_of_nets, pieces_of_nets
 from .piece_factors import PieceFactors
+from .spread import NONE
 
 # Coefficients along the sides, from each corner to the next.
 SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])

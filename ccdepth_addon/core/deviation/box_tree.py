@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays.chunks import index_chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import lengths, squared_norms
-from .columns import columns, products
+from ..arrays.vectors import columns, lengths, products, squared_norms
 
 # Of points (n, 3) and things (n,), the largest distances (n,) that the things can have.
 Bounds = Callable[[FloatArray, IndexArray], FloatArray]

@@ -14,10 +14,11 @@ import numpy as np
 
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import applied, columns, products
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import SIDES, BezierPieces
-from .columns import NONE, Spread, applied, columns, products
 from .heights import SideViews, Views, axes_across, largest_of_each, plane_functionals
+from .spread import NONE, Spread
 from .windings import facing, windings
 
 # The place in a triangle where covering is counted: asymmetric weights of the corners.

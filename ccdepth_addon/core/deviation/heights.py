@@ -16,8 +16,9 @@ import numpy as np
 
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import crosses, products
 from ..surface.bicubic import CORNERS
-from .columns import NONE, crosses, products
+from .spread import NONE
 
 # A side of a triangle has no side to speak of when it is seen at less than this sine.
 STEEP = 1e-3

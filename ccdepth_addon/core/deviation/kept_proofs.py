@@ -11,8 +11,8 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from .bezier_pieces import BezierPieces
 from .box_tree import BoxTree, overlapping
-from .columns import NONE
 from .mesh_to_surface import MeshToSurface
+from .spread import NONE
 from .triangles import places_among
 
 

@@ -15,13 +15,12 @@ import numpy as np
 
 from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import dot_products, units
+from ..arrays.vectors import columns, dot_products, units
 from ..bounds.norm_bounds import Vertices
 from ..mesh.level_quads import QUAD_TRIANGLES, may_be_folded
 from ..progress import no_report
 from ..surface.refinement import Refinement
 from .bezier_pieces import BezierPieces
-from .columns import columns
 from .findings import Findings
 from .leaf_maps import mapped_bounds
 from .leaf_samples import ON_GRID, seen_from

@@ -15,10 +15,10 @@ import numpy as np
 from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
+from ..arrays.vectors import columns, cross_products, dot_products, lengths, products, squared_norms, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
-from .columns import NONE, columns, products
+from .spread import NONE
 from .triangles import to_quads
 
 # How many times cells are quartered, and bicubic patches halved.

@@ -11,11 +11,10 @@ import numpy as np
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import dot_products, lengths, squared_norms
+from ..arrays.vectors import columns, cross_products, dot_products, lengths, squared_norms
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, first_of_each
-from .columns import columns
 from .covering_pieces import EXCESS_SHARE, over_pieces
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles, distance_slack, to_quads, to_triangles
@@ -157,7 +156,7 @@ class Parts(Table):
         corners = np.einsum("qij,njd->nqid", QUARTERS, self.corners)
         edges = np.roll(self.corners, -1, axis=1) - self.corners
         squares = squared_norms(edges.reshape(-1, 3)).reshape(-1, 3)
-        areas = squared_norms(np.cross(edges[:, 0], edges[:, 1]))
+        areas = squared_norms(cross_products(edges[:, 0], edges[:, 1]))
         long = np.flatnonzero(areas < LONG**2 * squares.max(axis=1) ** 2)
         corners[long] = halves(halves(self.corners[long])).reshape(-1, 4, 3, 3)
         return Parts.unknown(corners.reshape(-1, 3, 3), np.repeat(self.owners, 4), np.repeat(self.bounds, 4))

@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays.chunks import AT_ONCE, chunks, index_chunks
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import angles_between, dot_products, lengths, units
+from ..arrays.vectors import angles_between, cross_products, dot_products, lengths, units
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.evaluation import limit_values
 from ..surface.limit_normals import limit_normals
@@ -260,7 +260,7 @@ def _within(places: FloatArray, reach: FloatArray, shaded: Shaded) -> tuple[Inde
     a, b, c = triangles.points[:, which]
     large = np.flatnonzero(np.maximum(lengths(b - a), lengths(c - a)) > reach[owners])
     owners, which, along = owners[large], which[large], units((b - a)[large])
-    across = np.cross(triangles.normals[which], along)
+    across = cross_products(triangles.normals[which], along)
     for x, y in RING:
         places_beside = places[owners] + reach[owners][:, None] * (x * along + y * across)
         points = triangles.distances(places_beside, which)[1]
@@ -282,7 +282,7 @@ def _held(triangles: Triangles, places: FloatArray, reach: FloatArray) -> FloatA
 
 def _facet_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
     a, b, c = np.moveaxis(positions[corners], 1, 0)
-    return units(np.cross(b - a, c - a))
+    return units(cross_products(b - a, c - a))
 
 
 def _nearest(samples: Samples, other: Shaded, tick: Tick) -> NearestTriangles:

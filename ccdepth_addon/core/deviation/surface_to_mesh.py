@@ -10,13 +10,13 @@ import numpy as np
 from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import lengths, units
+from ..arrays.vectors import cross_products, lengths, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
 from .box_tree import first_of_each
-from .columns import NONE
 from .covering_triangles import over_triangles
 from .findings import Findings
+from .spread import NONE
 from .triangles import Triangles
 
 # The number of pieces of each block whose corners are tried for reached distances.
@@ -155,7 +155,7 @@ class SurfaceToMesh:
     def normals(self, block: IndexArray) -> FloatArray:
         """(n, 3): the approximate normals of the pieces' middles; zero without a normal."""
         a, b, c, d = np.moveaxis(self.pieces.coefficients[block][:, :, CORNERS], 2, 0)
-        return units(np.cross(c - a, d - b))
+        return units(cross_products(c - a, d - b))
 
     def _improve(self, block: IndexArray, upper: FloatArray, which: IndexArray) -> None:
         upper = upper + self.findings.allowance

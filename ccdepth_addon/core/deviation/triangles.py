@@ -10,9 +10,9 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import squared_norms, units
+from ..arrays.vectors import columns, cross_products, crosses, products, squared_norms, units
 from .box_tree import BoxTree
-from .columns import NONE, columns, crosses, products
+from .spread import NONE
 
 # A triangle is a needle when its height is below this part of its longest side.
 NEEDLE = 1e-5
@@ -43,7 +43,7 @@ class Triangles:
         tick()
         tree = BoxTree.around(points.min(axis=0), points.max(axis=0))
         tick()
-        normals = np.cross(points[1] - points[0], points[2] - points[0])
+        normals = cross_products(points[1] - points[0], points[2] - points[0])
         return Triangles(points, beyond, units(normals), needle_thickness(points), distance_slack(points), tree)
 
     @property
@@ -86,7 +86,7 @@ def distance_slack(points: FloatArray) -> FloatArray:
 
 def _longest_and_heights(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The longest sides (T,) of triangles with corners (3, T, 3), and the heights (T,) over these sides."""
-    normals = np.cross(points[1] - points[0], points[2] - points[0])
+    normals = cross_products(points[1] - points[0], points[2] - points[0])
     longest = np.sqrt(squared_norms(points[[1, 2, 0]] - points).max(axis=0))
     return longest, np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
 
@@ -109,9 +109,9 @@ def _partners(corners: IndexArray, vertex_count: int) -> IndexArray:
 def barycentric(points: FloatArray, triangles: FloatArray) -> FloatArray:
     """(P, 3): the weights of points (P, 3) of triangles (3, P, 3)."""
     a, b, c = triangles
-    normals = np.cross(b - a, c - a)
+    normals = cross_products(b - a, c - a)
     squares = squared_norms(normals)
-    parts = [np.cross(c - b, points - b), np.cross(a - c, points - c), np.cross(b - a, points - a)]
+    parts = [cross_products(c - b, points - b), cross_products(a - c, points - c), cross_products(b - a, points - a)]
     weights = np.stack([(part * normals).sum(axis=1) for part in parts], axis=1)
     even = np.full_like(weights, 1 / 3)
     weights = np.divide(weights, squares[:, None], out=even, where=squares[:, None] > 0)

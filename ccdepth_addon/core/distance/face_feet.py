@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, index_chunks
+from ..arrays.masks import mask
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
 from ..mesh.level_quads import may_be_folded
 from ..mesh.polygon_mesh import PolygonMesh
-from ..surface.bicubic import SPLINE_HALVES, both_ways
+from ..surface.bicubic import NET_CORNERS, SPLINE_HALVES, both_ways
 from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ..surface.stencils import by_valence, regular_children
 from .foot_bounds import LARGEST_TILT, ROUNDING, FootBounds, Frame, equal_bounds, foot_bounds
@@ -27,9 +28,6 @@ from .middle_distances import likely_at_parts
 # The number of times nets are halved both ways before parts without feet, or too far from equal parameters, are given
 # up. Each time the undecided rest of a part shrinks by about half.
 NET_SPLITS = 3
-
-# Points of the net at the corners of a face.
-AT_CORNERS = [5, 9, 10, 6]
 
 
 @dataclass(frozen=True)
@@ -99,8 +97,7 @@ class FaceFeet:
                 for own, values in zip(at_vertices, constants, strict=True):
                     np.maximum.at(own, at, values)
         # Feet stay on faces with known curvature, where the surface is smooth.
-        unknown = np.zeros(mesh.vertex_count, dtype=bool)
-        unknown[mesh.corner_vertices[~is_known[mesh.corner_faces]]] = True
+        unknown = mask(mesh.vertex_count, mesh.corner_vertices[~is_known[mesh.corner_faces]])
         at_vertices[:, unknown] = np.inf
         curvature, speed = at_vertices[:, corners].max(axis=2)
         # Beside an extraordinary face, feet stay on the regular children there: they may go half as far.
@@ -230,7 +227,7 @@ class FaceFeet:
         curvature, speed, size = self.whole.curvature[places], self.whole.speed[places], 0.5**level
         found = leaf_feet(_turned(nets, is_turned), shown, curvature, speed, size)
         if shown is Vertices.CONTROL:
-            corners = np.moveaxis(nets[AT_CORNERS], 2, 0)
+            corners = np.moveaxis(nets[NET_CORNERS], 2, 0)
             folded = np.flatnonzero(may_be_folded(corners, is_turned, self.mesh.axes))
             if len(folded):
                 mirrored = _turned(nets[:, :, folded], ~is_turned[folded])

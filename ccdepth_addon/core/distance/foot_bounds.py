@@ -16,6 +16,7 @@ import numpy as np
 from ..arrays.matrix_products import matrix_product
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray
+from ..arrays.vectors import crosses, products
 from ..bounds.norm_bounds import Vertices
 from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, tensor
 
@@ -102,14 +103,14 @@ def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> F
     diagonal from corner 1 to corner 3 of the face, in place of the diagonal from 0 to 2. With control vertices either
     diagonal may be drawn, and the bounds hold for both."""
     frame = Frame.of(nets)
-    errors, tilts = frame.errors(vertices), frame.tilts
+    errors = frame.errors(vertices)
     found = (
-        _along(frame, vertices, is_turned) + tilts[0] * errors[1] + tilts[1] * errors[2],
+        along_normals(np.stack([_along(frame, vertices, is_turned), *errors[1:]]), frame.tilts),
         frame.fourth[0] / 36 if vertices is Vertices.CONTROL else np.zeros_like(errors[0]),
         errors[0] + frame.lengths[0] * errors[1] + frame.lengths[1] * errors[2],
         frame.curvature,
         np.maximum(*frame.speeds),
-        tilts[0] * frame.dual_lengths[0] + tilts[1] * frame.dual_lengths[1],
+        frame.tilt,
     )
     second, fourth, reach, curvature, speed, tilt = (
         np.where(frame.is_known, each * (1 + ROUNDING), np.inf) for each in found
@@ -174,11 +175,13 @@ class Frame:
     def of(nets: FloatArray) -> Frame:
         """The frames of regular faces with nets (16, 3, P)."""
         middle, along_u, along_v = matrix_product(MIDDLE, nets.reshape(16, -1)).reshape(3, *nets.shape[1:])
-        normal = _cross(along_u, along_v)
-        square, squares = _dot(normal, normal), np.stack([_dot(along_u, along_u), _dot(along_v, along_v)])
+        normal = crosses(along_u, along_v)
+        square, squares = products(normal, normal), np.stack([products(along_u, along_u), products(along_v, along_v)])
         has_normal = square > LEAST_SINE**2 * squares[0] * squares[1]
         square = np.where(has_normal, square, 1.0)
-        axes = np.stack([normal / np.sqrt(square), _cross(along_v, normal) / square, _cross(normal, along_u) / square])
+        axes = np.stack(
+            [normal / np.sqrt(square), crosses(along_v, normal) / square, crosses(normal, along_u) / square]
+        )
         local = along_axes(axes, nets - middle)
         rounding = ROUNDING * np.maximum(local.max(axis=0), -local.min(axis=0))
         second = matrix_product(SECONDS, local.reshape(16, -1)).reshape(-1, *middle.shape)
@@ -198,14 +201,19 @@ class Frame:
         return np.maximum(self.highest, -self.lowest)
 
     @cached_property
-    def tilts(self) -> tuple[FloatArray, FloatArray]:
-        """σ_u and σ_v, (P,) each: |n·X| ≤ |ζ| + σ_u|ξ| + σ_v|η|."""
-        return self.turns.solve(*((self.largest[:2, 0] + self.largest[2, 0]) / 2))
+    def tilts(self) -> FloatArray:
+        """(2, P): σ_u and σ_v of ``along_normals``."""
+        return np.stack(self.turns.solve(*((self.largest[:2, 0] + self.largest[2, 0]) / 2)))
 
     @cached_property
     def dual_lengths(self) -> tuple[FloatArray, FloatArray]:
         """|x| and |y|, (P,) each."""
-        return np.sqrt(_dot(self.axes[1], self.axes[1])), np.sqrt(_dot(self.axes[2], self.axes[2]))
+        return np.sqrt(products(self.axes[1], self.axes[1])), np.sqrt(products(self.axes[2], self.axes[2]))
+
+    @cached_property
+    def tilt(self) -> FloatArray:
+        """(P,): a bound of ‖n - n₀‖ over the face, n·n₀ = 1."""
+        return self.tilts[0] * self.dual_lengths[0] + self.tilts[1] * self.dual_lengths[1]
 
     @property
     def speeds(self) -> tuple[FloatArray, FloatArray]:
@@ -216,7 +224,7 @@ class Frame:
     def curvature(self) -> FloatArray:
         """κ, (P,): a bound of the principal curvatures."""
         a, b = self.speeds
-        uu, vv, uv = self.largest[:, 0] + self.tilts[0] * self.largest[:, 1] + self.tilts[1] * self.largest[:, 2]
+        uu, vv, uv = along_normals(self.largest, self.tilts)
         found: FloatArray = uu * a * a + 2 * uv * a * b + vv * b * b
         return found
 
@@ -238,14 +246,12 @@ def along_axes(axes: FloatArray, vectors: FloatArray) -> FloatArray:
     return found
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(3, P) of (3, P) each."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(P,) of (3, P) each."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def along_normals(components: FloatArray, tilts: FloatArray) -> FloatArray:
+    """(…, P): bounds of |n·X| ≤ |ζ| + σ_u|ξ| + σ_v|η| for normals n over faces and vectors X with components |ζ|, |ξ|
+    and |η| of at most (…, 3, P). tilts: (2, P), σ_u and σ_v."""
+    found: FloatArray = components[..., 0, :] + tilts[0] * components[..., 1, :]
+    found += tilts[1] * components[..., 2, :]
+    return found
 
 
 def _along(frame: Frame, vertices: Vertices, is_turned: BoolArray) -> FloatArray:
@@ -285,8 +291,7 @@ def twists(nets: FloatArray) -> FloatArray:
     """(P,): bounds of the distance between bilinear facets, with vertices on the surface over regular faces with nets
     (16, 3, P), and their triangles along either diagonal; multiply by 4⁻ʲ for level j. docs/distance.md, Facets."""
     frame = Frame.of(nets)
-    height, along_u, along_v = frame.largest[2]
-    highest = (height + frame.tilts[0] * along_u + frame.tilts[1] * along_v) / 2
+    highest = along_normals(frame.largest[2], frame.tilts) / 2
     points = nets - nets[5]
     mixed = matrix_product(SECONDS[OF_SECONDS[2]], points.reshape(16, -1)).reshape(-1, *nets.shape[1:])
     longest = np.sqrt((mixed * mixed).sum(axis=1).max(axis=0)) / 4 + ROUNDING * np.abs(points).max(axis=(0, 1))

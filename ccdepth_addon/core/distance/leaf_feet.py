@@ -15,14 +15,13 @@ import numpy as np
 from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
 from ..bounds.norm_bounds import Vertices
-from ..surface.bicubic import CORNERS, GREVILLE, NET_TO_BERNSTEIN, SPLINE_HALVES
+from ..surface.bicubic import CORNERS, GREVILLE, NET_CORNERS, NET_TO_BERNSTEIN, SPLINE_HALVES
 from ..surface.squares import SQUARE
 from ..surface.triangle_coefficients import coefficients_over
-from .foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, foot_distances
+from .foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, along_normals, foot_distances
 
-# The corners of the leaf's two triangles, and the net's points at the corners.
+# The corners of the leaf's two triangles.
 TRIANGLES = [0, 1, 2], [0, 2, 3]
-AT_CORNERS = [5, 9, 10, 6]
 
 # The coefficients of degree 6 over a triangle that are points of the surface.
 ENDS = [0, 21, 27]
@@ -41,7 +40,7 @@ class _Quarter:
 @cache
 def _quarters(vertices: Vertices) -> list[_Quarter]:
     """The quarters of a leaf drawn with the diagonal from corner 0 to 2."""
-    drawn = np.eye(16)[AT_CORNERS] if vertices is Vertices.CONTROL else NET_TO_BERNSTEIN[CORNERS]
+    drawn = np.eye(16)[NET_CORNERS] if vertices is Vertices.CONTROL else NET_TO_BERNSTEIN[CORNERS]
     found = []
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
         net = np.kron(SPLINE_HALVES[i], SPLINE_HALVES[j])
@@ -72,12 +71,9 @@ def leaf_feet(
         frame = Frame.of(matrix_product(quarter.net, nets.reshape(16, -1)).reshape(nets.shape))
         errors = matrix_product(quarter.errors, nets.reshape(16, -1)).reshape(-1, *nets.shape[1:])
         squares = (errors * errors).sum(axis=1)
-        heights, xi, eta = np.abs(along_axes(frame.axes, errors)).swapaxes(0, 1)
-        np.maximum(reached, heights[: quarter.ends].max(axis=0), out=reached)
-        heights += frame.tilts[0] * xi
-        heights += frame.tilts[1] * eta
-        tilt = frame.tilts[0] * frame.dual_lengths[0] + frame.tilts[1] * frame.dual_lengths[1]
-        highest = heights.max(axis=0) + rounding * (1 + tilt)
+        components = np.abs(along_axes(frame.axes, errors))
+        np.maximum(reached, components[: quarter.ends, 0].max(axis=0), out=reached)
+        highest = along_normals(components, frame.tilts).max(axis=0) + rounding * (1 + frame.tilt)
         np.maximum(along, np.where(frame.is_known, highest, np.inf), out=along)
         np.maximum(reach, squares.max(axis=0), out=reach)
     along, reach = along * (1 + ROUNDING), np.sqrt(reach) * (1 + ROUNDING) + rounding

@@ -12,7 +12,15 @@ from ..arrays.matrix_products import matrix_product
 from ..arrays.types import BoolArray, FloatArray
 from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, transformed_nets, units
 from ..bounds.norm_bounds import Vertices
-from ..surface.bicubic import HALVES, NET_TO_BERNSTEIN, SECOND_DIFFERENCE, SPLINE_HALVES, SPLINE_TO_BERNSTEIN, tensor
+from ..surface.bicubic import (
+    HALVES,
+    NET_CORNERS,
+    NET_TO_BERNSTEIN,
+    SECOND_DIFFERENCE,
+    SPLINE_HALVES,
+    SPLINE_TO_BERNSTEIN,
+    tensor,
+)
 from ..surface.evaluation import spline_weights
 from .foot_bounds import LARGEST_TILT, LEAST_SINE, MIDDLE, MIDDLE_SECONDS, ROUNDING, Turns, likely_distances
 
@@ -26,9 +34,6 @@ SAMPLES = (
     ((0.0, 0.0), 0.5, [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5), (0, 5, 6), (0, 6, 1)]),
 )
 
-# The points of a net at the corners of a face.
-AT_CORNERS = [5, 9, 10, 6]
-
 # At level 0 a face is one leaf.
 CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 OF_LEVEL_0 = SAMPLES[:1]
@@ -41,7 +46,7 @@ OF_HULLS = 20
 HULLS_AND_SECONDS = np.concatenate(
     [
         NET_TO_BERNSTEIN,
-        np.eye(16)[AT_CORNERS],
+        np.eye(16)[NET_CORNERS],
         tensor(SECOND_DIFFERENCE, np.eye(4)),
         tensor(np.eye(4), SECOND_DIFFERENCE),
         tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE),

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import component_major, cross_products, dot_products, lengths, squared_norms, sums_by_index, units
 
@@ -223,8 +224,7 @@ class _Stars:
         ranges, distances = np.full((2, count), np.inf)
         np.minimum.at(ranges, vertices, prism_ranges[which])
         np.minimum.at(distances, vertices, distance)
-        is_border = np.zeros(count, dtype=bool)
-        is_border[flap_vertices.ravel()] = True
+        is_border = mask(count, flap_vertices.ravel())
         # Angles below a half turn go around an inner vertex a whole number of times.
         goes_once = angles < np.where(is_border, 2 * np.pi * (1 - 2.0**-20), 3 * np.pi)
         starts = np.concatenate([[0], np.cumsum(np.bincount(vertices, minlength=count))])

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.masks import mask
+from ..arrays.ranges import any_of_ranges
 from ..arrays.types import BoolArray, IndexArray
 from .polygon_mesh import PolygonMesh
 
@@ -22,10 +24,8 @@ def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArr
     boundary rules: a Catmull-Clark step moves everything that touches the given faces exactly as in the whole mesh;
     only the ring's outer half differs.
     """
-    touched = np.zeros(mesh.vertex_count, dtype=bool)
-    touched[mesh.corner_vertices[corners_of_faces(mesh, faces)]] = True
-    in_ring = np.zeros(mesh.face_count, dtype=bool)
-    in_ring[mesh.corner_faces[touched[mesh.corner_vertices]]] = True
+    touched = mask(mesh.vertex_count, mesh.corner_vertices[corners_of_faces(mesh, faces)])
+    in_ring = mask(mesh.face_count, mesh.corner_faces[touched[mesh.corner_vertices]])
     in_ring[faces] = False
     kept_faces = np.concatenate([np.asarray(faces, dtype=np.intp), np.flatnonzero(in_ring)])
     return faces_alone(mesh, kept_faces), kept_faces
@@ -53,6 +53,17 @@ def faces_alone(mesh: PolygonMesh, faces: IndexArray) -> PolygonMesh:
         vertex_sharpness=mesh.vertex_sharpness[kept_vertices],
         sharpness_is_explicit=mesh.sharpness_is_explicit,
     )
+
+
+def rings_around(mesh: PolygonMesh, wanted: BoolArray, rings: int) -> BoolArray:
+    """(n,) bool: the wanted faces (n,) among the first n, and a number of rings around them: each ring shares a vertex
+    with the faces inside."""
+    last = mesh.face_starts[len(wanted)]
+    vertices, faces = mesh.corner_vertices[:last], mesh.corner_faces[:last]
+    for _ in range(rings if len(wanted) else 0):
+        touched = mask(mesh.vertex_count, vertices[wanted[faces]])
+        wanted = any_of_ranges(touched[vertices], mesh.face_sizes[: len(wanted)])
+    return wanted
 
 
 def joined_meshes(meshes: Sequence[PolygonMesh], counts: Sequence[int]) -> PolygonMesh:
@@ -89,10 +100,9 @@ def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:
 def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -> IndexArray:
     """The numbers 0 … count - 1 that occur in ``indices`` or ``kept``, in ascending order; renumbers the indices in
     place to match."""
-    kept = np.zeros(0, dtype=np.intp) if kept is None else kept
-    is_used = np.zeros(count, dtype=bool)
-    is_used[indices] = True
-    is_used[kept] = True
+    is_used = mask(count, indices)
+    if kept is not None:
+        is_used[kept] = True
     renumber(indices, is_used)
     return np.flatnonzero(is_used)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..deviation.columns import NONE
+from ..arrays.vectors import cross_products
+from ..deviation.spread import NONE
 from ..deviation.surface_to_mesh import nearest_triangles
 from ..deviation.triangles import Triangles, barycentric, places_among
 
@@ -120,7 +121,7 @@ def vertex_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
     a, b, c = np.moveaxis(positions[corners], 1, 0)
     normals = np.zeros_like(positions)
     for corner in corners.T:
-        np.add.at(normals, corner, np.cross(b - a, c - a))
+        np.add.at(normals, corner, cross_products(b - a, c - a))
     return normals
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..deviation import Deviation, KeptProofs, SampledSurface, measure_deviation
-from ..deviation.columns import NONE
+from ..deviation.spread import NONE
 from ..deviation.triangles import Triangles, places_among
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress

@@ -23,8 +23,9 @@ SPLINE_HALVES = (
     np.array([[1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1], [0, 0, 4, 4]]) / 8,
 )
 
-# The coefficients at corners 0 to 3 of a face.
+# The coefficients at corners 0 to 3 of a face, and the points of its net there.
 CORNERS = np.array([0, 12, 15, 3])
+NET_CORNERS = np.array([5, 9, 10, 6])
 
 # (16, 2): the parameters of the Bernstein coefficients.
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])

@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks
+from ..arrays.masks import mask
 from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
@@ -67,8 +68,7 @@ class _Values:
 
     def at_vertices(self, mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
         vertices = mesh.corner_vertices[corners]
-        wanted = np.zeros(mesh.vertex_count, dtype=bool)
-        wanted[vertices] = True
+        wanted = mask(mesh.vertex_count, vertices)
         return limit_positions(mesh, wanted)[vertices]
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import sums_by_index
+from ..arrays.vectors import cross_products, lengths, sums_by_index, units
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from .catmull_clark import subdivide
@@ -166,15 +166,12 @@ def _area_normals(mesh: PolygonMesh) -> FloatArray:
     points = mesh.positions[mesh.corner_vertices]
     sizes = mesh.face_sizes[:, None]
     points = points - (np.add.reduceat(points, mesh.face_starts[:-1]) / sizes)[mesh.corner_faces]
-    areas = np.add.reduceat(np.cross(points, points[mesh.next_corner]), mesh.face_starts[:-1])
-    lengths = np.linalg.norm(areas, axis=1, keepdims=True)
-    return np.where(lengths > 0, areas / np.where(lengths > 0, lengths, 1), [0.0, 0.0, 1.0])
+    areas = np.add.reduceat(cross_products(points, points[mesh.next_corner]), mesh.face_starts[:-1])
+    return np.where(lengths(areas)[:, None] > 0, units(areas), [0.0, 0.0, 1.0])
 
 
 def _unit_normals(first: FloatArray, second: FloatArray) -> FloatArray:
     """(P, 3): unit vectors along the cross products of tangents (P, 3), zero where these are parallel or zero."""
-    scale = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
-    normals = np.cross(first, second)
-    lengths = np.linalg.norm(normals, axis=1)
-    clear = lengths > NO_AREA * scale
-    return np.where(clear[:, None], normals / np.where(clear, lengths, 1)[:, None], 0.0)
+    normals = cross_products(first, second)
+    clear = lengths(normals) > NO_AREA * (lengths(first) * lengths(second))
+    return np.where(clear[:, None], units(normals), 0.0)

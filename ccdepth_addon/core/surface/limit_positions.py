@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import sums_by_index
 from ..mesh.polygon_mesh import PolygonMesh
@@ -30,8 +31,7 @@ def limit_positions(mesh: PolygonMesh, wanted: BoolArray | None = None) -> Float
     undecided = wanted & has_finite_sharpness_above(mesh, 1.0) & (mesh.vertex_face_counts > 0)
     if not undecided.any():
         return limits
-    at_undecided = np.zeros(mesh.face_count, dtype=bool)
-    at_undecided[mesh.corner_faces[undecided[mesh.corner_vertices]]] = True
+    at_undecided = mask(mesh.face_count, mesh.corner_faces[undecided[mesh.corner_vertices]])
     faces = np.flatnonzero(at_undecided)
     part = faces_alone(mesh, faces)
     vertices = np.zeros(part.vertex_count, dtype=np.intp)

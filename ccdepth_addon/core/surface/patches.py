@@ -21,6 +21,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces
@@ -139,8 +140,7 @@ def _has_turning_crease(mesh: PolygonMesh) -> BoolArray:
     for _ in range(3):
         spokes.append(mesh.next_corner[mesh.twin[spokes[-1]]])
     first, second, third, fourth = (mesh.edge_sharpness[mesh.corner_edges[spoke]] for spoke in spokes)
-    turning = np.zeros(mesh.vertex_count, dtype=bool)
-    turning[mesh.corner_vertices[np.minimum(first, second) > np.maximum(third, fourth)]] = True
+    turning = mask(mesh.vertex_count, mesh.corner_vertices[np.minimum(first, second) > np.maximum(third, fourth)])
     return turning
 
 

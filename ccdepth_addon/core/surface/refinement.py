@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces, joined_meshes, submesh
@@ -84,8 +85,7 @@ class Refinement:
             new = limits_of_new_vertices(self.mesh, len(self.bases))
             return np.concatenate([self.origins[:, None], new], axis=1).reshape(-1, 3)
         vertices = self.corner_vertices()
-        wanted = np.zeros(self.mesh.vertex_count, dtype=bool)
-        wanted[vertices] = True
+        wanted = mask(self.mesh.vertex_count, vertices)
         return limit_positions(self.mesh, wanted)[vertices]
 
     @property
