@@ -211,7 +211,8 @@ def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
     text = length_text(context.scene, record.deviation_reached, Rounding.DOWN)
     blf.size(FONT, FONT_SIZE * scale)
     width, height = blf.dimensions(FONT, text)
-    padding, left, bottom = PADDING * scale / 2, place.x + REACH * scale, place.y + REACH * scale
+    padding, bottom, (covered, _) = PADDING * scale / 2, place.y + REACH * scale, _covered(context)
+    left = min(place.x + REACH * scale, context.region.width - covered - width - 2 * padding)
     box = Box(left - padding, bottom - padding, left + width + padding, bottom + height + padding, BACKGROUND)
     _draw_boxes([box], 0, 0)
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")

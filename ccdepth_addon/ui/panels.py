@@ -34,6 +34,9 @@ NOT_CHECKED = "Not checked since opening"
 
 UP_TO_DATE = "Up to date"
 
+# In a narrower sidebar the manual's icon would stand over the title; in pixels at an interface scale of 1.
+ROOM_FOR_MANUAL = 200
+
 # The largest length of the list of several objects.
 MOST_OBJECTS = 8
 
@@ -44,7 +47,8 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
     bl_label = "CC Depth"
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
-        draw_manual_button(self.layout, text="", emboss=False)
+        if context.region.width > ROOM_FOR_MANUAL * context.preferences.system.ui_scale:
+            draw_manual_button(self.layout, text="", emboss=False)
         CCDEPTH_PT_tolerance_presets.draw_panel_header(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:

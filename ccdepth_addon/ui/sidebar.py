@@ -60,8 +60,7 @@ class Run:
     def draw(self, layout: bpy.types.UILayout) -> None:
         """Add the stage as a bar, or with a ring."""
         if self.fraction is None:
-            layout.progress(text="", factor=perf_counter() / SECONDS_A_TURN % 1.0, type="RING")
-            layout.label(text=self.text)
+            layout.progress(text=self.text, factor=perf_counter() / SECONDS_A_TURN % 1.0, type="RING")
         else:
             layout.progress(text=self.text, factor=self.fraction, type="BAR")
 
