@@ -17,6 +17,9 @@ from ..core import FloatArray, InvalidMeshError, ToleranceError, Variation
 from ..exchange.blender_arrays import WriteError
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 from ..exchange.data_blocks import Identity
+from ..exchange.evaluated import Evaluated
+from ..exchange.mesh_arrays import own_mesh
+from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..exchange.tolerance_factors import corner_factors
 
 # Relative slack for rounding when one object's scale is compared with another's.
@@ -82,6 +85,13 @@ class VariedSettings(SurfaceSettings):
         everywhere. Raises ControlMeshError."""
         factors = corner_factors(holder, mesh, self, is_own=is_own)
         return None if factors is None else Variation(factors)
+
+    def variation_read(self, blender_object: bpy.types.Object, copies: Evaluated) -> Variation | None:
+        """The variation of the tolerance over the control mesh of an object (``read``). Raises ControlMeshError."""
+        if is_evaluated(blender_object, counted_modifiers(blender_object, use_modifiers=self.use_modifiers)):
+            return self.variation(blender_object, copies.made(blender_object)[0], is_own=False)
+        with own_mesh(blender_object) as own:
+            return self.variation(blender_object, own, is_own=True)
 
     def refuse_bad_numbers(self) -> None:
         """Raise ComputeError for a tolerance or a coarsest factor without meaning."""
