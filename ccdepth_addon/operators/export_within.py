@@ -281,7 +281,7 @@ def _surface(context: bpy.types.Context, task: AdaptiveTask, user: bpy.types.Obj
     depsgraph = context.evaluated_depsgraph_get()
     place = np.array(user.evaluated_get(depsgraph).matrix_world, dtype=np.float64)
     control = replace(task.surface.control, world=place[:3, :3])
-    return MeasureTask(Surface(task.surface.holder, control, tolerance), place[:3, 3], False, [], task.variation)
+    return MeasureTask(Surface(task.surface.holder, control, tolerance), place[:3, 3], False, [], task.surface.variation)
 
 
 def _measured(folder: Path, place: Path) -> Steps[None]:
