@@ -202,7 +202,7 @@ class AdaptiveTask:
             stored=self.stored,
             longest_edge=self.longest_edge(settings),
             rounding=self.allowance,
-            variation=self.surface.variation,
+            variation=self.surface.variation(self.control),
         )
 
 

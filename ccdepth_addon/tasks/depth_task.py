@@ -119,7 +119,11 @@ class DepthWork:
                 for number, request in enumerate(group.requests):
                     check = check_pose if number else check_input
                     with self.faults.of(request.surface.holder.uid, request.frame):
-                        check(request.surface.control.in_world, request.surface.tolerance, request.surface.variation)
+                        check(
+                            request.surface.control.in_world,
+                            request.surface.tolerance,
+                            request.surface.variation_by_face,
+                        )
         self.faults.refuse()
 
 
