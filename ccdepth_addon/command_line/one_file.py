@@ -107,8 +107,6 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         answer_of(tolerance_found(bpy.context, tasks, adaptive, options.faces))
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
-    if is_measured(options) and action != MEASURE and settings.tolerance_by != "NONE":
-        raise CommandError("a report is about one tolerance, and --tolerance-by varies it: leave the report out")
     targets = surfaces_of(objects, levels_of(action)) if is_checked else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [made for _, made in outcomes]
@@ -251,6 +249,7 @@ def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> Objec
     return replace(
         entry,
         tolerance=answer.tolerance * unit,
+        factors=answer.factors,
         measured=distances,
         met=is_met,
         facet_angle=degrees(answer.facet_angle),
@@ -286,7 +285,9 @@ SETTINGS = {
     LEVELS: OF_DEPTHS,
     SUBDIVIDE: setting_names(*OF_RESULTS),
     LODS: setting_names(*OF_RESULTS, properties.LevelProperties, properties.ViewProperties),
-    MEASURE: setting_names(properties.ToleranceProperties, properties.MeasureProperties),
+    MEASURE: setting_names(
+        properties.ToleranceProperties, properties.VariationProperties, properties.MeasureProperties
+    ),
 }
 
 

@@ -27,7 +27,7 @@ import bpy
 
 from .. import version
 from ..tasks.deviation_task import verdict_of
-from ..ui.facts import deviation_text, facts_of
+from ..ui.facts import deviation_text, factors_text, facts_of, ratio_texts
 from ..ui.lengths import DIGITS, METRIC, Rounding, enough_digits, number_text, printable, printable_lines
 
 DEPTHS, LEVELS, SUBDIVIDE, LODS, MEASURE = "depths", "levels", "subdivide", "lods", "measure"
@@ -66,7 +66,7 @@ def degrees_rounded_up(angle: float | None) -> float | None:
 @dataclass(frozen=True)
 class Distances:
     """Bounds of the distance between mesh and limit surface, both ways. proved: the upper bound. reached: the lower
-    bound."""
+    bound. Where the tolerance varies, each distance is divided by the factor at the point of the surface."""
 
     proved: float
     reached: float
@@ -83,7 +83,8 @@ class ObjectEntry:
     """The findings on an object.
 
     name: the object of the limit surface; result: the object made of it, if another. settings: as given, by their
-    names. tolerance: as a length. faces: of its mesh; vertices: of the depths, CONTROL or LIMIT; result_faces: of the
+    names. tolerance: as a length; factors: the least and the greatest on it, of a measured mesh where it varies.
+    faces: of its mesh; vertices: of the depths, CONTROL or LIMIT; result_faces: of the
     made mesh; triangles: of the written and measured mesh. deepest: the deepest depth of a face; level: the first at
     which all faces are within the tolerance; deepest_frame: a frame with the deepest depth. proved: the largest
     distance proved when the mesh was made; proved_shading, proved_facets: the largest angles in radians, where shading
@@ -115,6 +116,7 @@ class ObjectEntry:
     oriented: bool | None = None
     lod_distance: float | None = None
     lod_screen_size: float | None = None
+    factors: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -258,6 +260,8 @@ COLUMNS: dict[str, Callable[[ObjectEntry], Any]] = {
     "proved_facets_degrees": lambda entry: degrees_rounded_up(entry.proved_facets),
     "measured_proved_m": lambda entry: entry.measured and entry.measured.proved,
     "measured_reached_m": lambda entry: entry.measured and entry.measured.reached,
+    "least_factor": lambda entry: entry.factors and entry.factors[0],
+    "greatest_factor": lambda entry: entry.factors and entry.factors[1],
     **{f"{name}_deg": attrgetter(name) for name in ("facet_angle", "shading_angle")},
     "met": lambda entry: YES_OR_NO[entry.met],
     "closed": lambda entry: YES_OR_NO[entry.closed],
@@ -324,7 +328,11 @@ def print_measured(entry: FileEntry) -> None:
             most = metres_text(each.measured.proved, Rounding.UP, digits)
             least = metres_text(each.measured.reached, Rounding.DOWN)
             verdict = verdict_of(each.measured.proved, each.measured.reached, each.tolerance)
-            text = deviation_text(most, least, metres_text(each.tolerance, digits=digits), verdict)
+            tolerance = metres_text(each.tolerance, digits=digits)
+            if each.factors:
+                most, least = ratio_texts(each.measured.proved, each.measured.reached, each.tolerance)
+                tolerance = f"{tolerance} {factors_text(each.factors)}"
+            text = deviation_text(most, least, tolerance, verdict)
             angles = {"facets": each.facet_angle, "shading": each.shading_angle}
             told = "".join(f"; {name} {angle:.2f}° at samples" for name, angle in angles.items() if angle is not None)
             print(f"{printable(each.result or each.name)}: {text}{told}")

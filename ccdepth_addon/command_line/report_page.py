@@ -12,7 +12,7 @@ import bpy
 from .. import version
 from ..state.colors import depth_colors
 from ..state.properties import VERTEX_TEXTS
-from ..ui.facts import share_text
+from ..ui.facts import factors_text, ratio_texts, share_text
 from ..ui.lengths import DIGITS, Rounding, printable
 from .report import (
     ACTION_TEXTS,
@@ -223,6 +223,10 @@ def _facts(entry: ObjectEntry) -> dict[str, str]:
     facts |= {name: f"{degrees_rounded_up(found):.4g}°" for name, found in angles.items() if found is not None}
     if entry.measured is not None:
         facts["Measured, at least"] = _length(entry.measured.reached, Rounding.DOWN)
+    if entry.measured is not None and entry.factors:
+        facts["Tolerance"] += f"<br>{factors_text(entry.factors)}"
+        lengths = entry.measured.proved, entry.measured.reached, entry.tolerance
+        facts |= dict(zip(("Measured, at most", "Measured, at least"), ratio_texts(*lengths), strict=True))
     if entry.lod_distance is not None:
         facts["Under a pixel from"] = _length(entry.lod_distance, Rounding.UP)
         facts["Size in the view there"] = f"{entry.lod_screen_size:.1%}"

@@ -121,7 +121,8 @@ def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
 
 def _object_entry(content: dict[str, Any]) -> ObjectEntry:
     measured = content["measured"] and _made(Distances, content["measured"])
-    entry = _made(ObjectEntry, content, measured=measured)
+    factors = content["factors"] and tuple(content["factors"])
+    entry = _made(ObjectEntry, content, measured=measured, factors=factors)
     # The verdict follows from the distances, which are in order.
     slack = 1 + ROUNDING if entry.met else 1 - ROUNDING
     is_met = None if measured is None else measured.reached <= measured.proved <= entry.tolerance * slack

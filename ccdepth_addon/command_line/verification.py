@@ -99,6 +99,8 @@ def _differences(action: str, entry: FileEntry) -> Iterator[str]:
             wrong = [name for name in wrong if name != "proved"]
         if not isclose(said.tolerance, found.tolerance, rel_tol=ROUNDING):
             wrong.append("tolerance")
+        if not _are_near(said.factors, found.factors):
+            wrong.append("factors")
         if not _is_proved(said, found):
             wrong.append("measured")
         if said.met != found.met:
@@ -112,6 +114,13 @@ def _is_at_least(one: float | None, other: float | None) -> bool:
     if one is None or other is None:
         return one is other
     return one * (1 + ROUNDING) >= other
+
+
+def _are_near(some: Sequence[float] | None, others: Sequence[float] | None) -> bool:
+    """Whether factors are equal but for rounding; or both are missing."""
+    if some is None or others is None:
+        return some is others
+    return all(isclose(*pair, rel_tol=ROUNDING) for pair in zip(some, others, strict=True))
 
 
 def _is_proved(said: ObjectEntry, found: ObjectEntry) -> bool:

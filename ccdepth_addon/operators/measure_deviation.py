@@ -13,8 +13,8 @@ from ..state.chosen import to_measure
 from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import naming
-from ..ui.facts import deviation_text
-from ..ui.lengths import Rounding, bound_texts, common_unit, length_text, printable
+from ..ui.facts import deviation_text, deviation_texts
+from ..ui.lengths import printable
 from .mesh_operators import LongOperator, Steps, Work
 from .refusals import refuse_what_cannot_be_written, still_there
 
@@ -25,7 +25,7 @@ ENDED = {
 }
 
 
-class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
+class CCDEPTH_OT_measure(properties.VariationProperties, properties.MeasureProperties, LongOperator):
     """Measure the distance between the shown mesh and the limit surface, both ways, with a proof. A result of Apply
     Adaptive Subdivision is measured against its source; of several selected objects, the others are measured against
     the active one"""
@@ -42,7 +42,8 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
             name = "" if len(answers) == 1 else f"{printable(each.measured)}: "
             for note in deviation_notes([each]):
                 self.report({"WARNING"}, f"{name}{note}")
-            self.report({"INFO"}, f"{name}{_text(context.scene, each)}")
+            texts = deviation_texts(context.scene, each.proved, each.reached, each.tolerance, each.factors)
+            self.report({"INFO"}, f"{name}{deviation_text(*texts, each.verdict)}")
         return {"FINISHED"}
 
 
@@ -55,7 +56,7 @@ def deviations_measured(
     refuse_what_cannot_be_written([each for group in wanted.values() for each in group])
     tasks = [prepare_measurement(context, group, target, settings) for target, group in wanted.items()]
     states = {
-        each.session_uid: still_holds.measured_state(each, target, use_modifiers=settings.use_modifiers)
+        each.session_uid: still_holds.measured_state(each, target, settings)
         for target, group in wanted.items()
         for each in group
     }
@@ -76,11 +77,3 @@ def deviation_notes(answers: list[MeshDeviation]) -> list[str]:
     """Notes on measurements that ended early."""
     early = [each for each in answers if each.verdict is Verdict.UNDECIDED or not each.accuracy_met]
     return [f"the distances are those proved so far; {ENDED[each.out_of_time]}" for each in early]
-
-
-def _text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:
-    """The report of a measurement."""
-    unit = common_unit(scene, (answer.proved, answer.reached, answer.tolerance))
-    most, tolerance = bound_texts(scene, answer.proved, answer.tolerance, unit)
-    least = length_text(scene, answer.reached, Rounding.DOWN, unit=unit)
-    return deviation_text(most, least, tolerance, answer.verdict)

@@ -30,7 +30,7 @@ from ..exchange.face_values import (
 from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
-from ..tasks.surfaces import SurfaceSettings, VariedSettings, naming
+from ..tasks.surfaces import VariedSettings, naming
 from ..tasks.views import seen_from
 from .properties import VariationProperties
 
@@ -186,8 +186,6 @@ def _new_record(
     forget_angles(mesh)
     record.shows_deviation = False
     _write_inputs(record, settings, world_tolerance, len(depths))
-    for name in VariationProperties.__annotations__:
-        setattr(record, name, getattr(settings, name))
     record.deepest = int(depths.max(initial=0))
     record.rows.clear()
     counts = np.bincount(depths)
@@ -210,6 +208,7 @@ def _write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: Me
     # Of its own limit surface there is no other name.
     found.against = "" if answer.holders == [answer.against] else answer.against.name
     _write_inputs(found, settings, answer.tolerance, len(answer.deviations))
+    found.factors = answer.factors or (0.0, 0.0)
     found.verdict = answer.verdict.name
     found.accuracy, found.accuracy_met = settings.accuracy, answer.accuracy_met
     found.use_modifiers = settings.use_modifiers
@@ -218,9 +217,10 @@ def _write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: Me
 
 
 def _write_inputs(
-    record: bpy.types.PropertyGroup, settings: SurfaceSettings, world_tolerance: float, faces: int
+    record: bpy.types.PropertyGroup, settings: VariedSettings, world_tolerance: float, faces: int
 ) -> None:
-    for name in ("tolerance", "tolerance_mode", "camera", "camera_frames", "off_screen_scale"):
+    of_place = "tolerance", "tolerance_mode", "camera", "camera_frames", "off_screen_scale"
+    for name in (*of_place, *VariationProperties.__annotations__):
         setattr(record, name, getattr(settings, name))
     record.seen_from = seen_from(bpy.context.scene, settings, getattr(settings, "frames", ""))
     record.world_tolerance = world_tolerance

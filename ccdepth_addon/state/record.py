@@ -52,7 +52,7 @@ class Inputs:
     faces: IntProperty()
 
 
-class Measurement(Inputs, bpy.types.PropertyGroup):
+class Measurement(Inputs, properties.VariationProperties, bpy.types.PropertyGroup):
     """A measurement on this mesh: inputs, verdict and worst place."""
 
     measured: StringProperty(description="The name of the measured object at the time")
@@ -60,6 +60,7 @@ class Measurement(Inputs, bpy.types.PropertyGroup):
         description="The name of the object with the limit surface at the time; empty for the measured object itself"
     )
     verdict: StringProperty(description="Whether the tolerance is met: MET, NOT_MET or UNDECIDED")
+    factors: FloatVectorProperty(description="The least and the greatest factor on a tolerance that varies", size=2)
     accuracy: FloatProperty(description="The accuracy as it was given")
     accuracy_met: BoolProperty(description="Whether the two distances are within the accuracy of each other")
     worst_face: IntProperty(

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -143,11 +143,11 @@ def _are_among(states: Sequence[tuple[str, FloatArray]], others: Sequence[tuple[
     ]
 
 
-def measured_state(measured: bpy.types.Object, target: bpy.types.Object, *, use_modifiers: bool) -> MeasuredState:
-    """The present inputs of a measurement. target: the object of the limit surface."""
+def measured_state(measured: bpy.types.Object, target: bpy.types.Object, settings: Any) -> MeasuredState:
+    """The present inputs of a measurement by settings, or by its record. target: the object of the limit surface."""
     others = [
         shown_checksum(measured, shown_modifiers(measured)),
-        object_state(target, use_modifiers=use_modifiers).checksum,
+        object_state(target, use_modifiers=settings.use_modifiers, varied=settings).checksum,
     ]
     if target != measured:
         others.append(f"{own_checksum(target, geometry_checksum):08x}")
@@ -223,7 +223,7 @@ def _change_for(measured: bpy.types.Object) -> str:
         return f"“{target.name}” is not shown"
     if mesh_face_count(measured.data) != found.faces:
         return f"“{measured.name}” changed"
-    state = measured_state(measured, target, use_modifiers=found.use_modifiers)
+    state = measured_state(measured, target, found)
     before, now = found.fingerprint.split(), _checksums(measured, state)
     alike = [compared(*pair) for pair in zip(before, now, strict=True)] if len(before) == len(now) else [False]
     if False in alike:

@@ -21,7 +21,6 @@ from ..core import (
     FloatArray,
     PoseDepths,
     Progress,
-    Variation,
     check_input,
     check_pose,
     common_level,
@@ -33,9 +32,9 @@ from ..core import (
 from ..exchange.control_mesh import ControlMeshError, SharedMeshes, counted_copies, read_with_origins
 from ..exchange.data_blocks import Identity
 from ..exchange.dependencies import ObjectState, object_state
-from ..exchange.evaluated import Evaluated, in_batches
+from ..exchange.evaluated import in_batches
 from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
-from ..exchange.modifiers import OF_OBJECT, counted_modifiers, is_evaluated, shown_vertices
+from ..exchange.modifiers import OF_OBJECT, shown_vertices
 from .frames import frame_restored, typed_frames
 from .pose_groups import DepthRequest, PoseGroup, pose_groups
 from .surfaces import Faults, VariedSettings
@@ -214,17 +213,10 @@ def _read_objects(
                     if frame is not None:
                         control = control.with_known_arrays(work.arrays)
                     task = _task_of(each, work)
-                    surface = surface_of(each, control, settings, views, _painted(each, copies, settings))
+                    painted = settings.variation_read(each, copies)
+                    surface = surface_of(each, control, settings, views, painted)
                     task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
                     task.states.append(_state(each, settings, frame))
-
-
-def _painted(blender_object: bpy.types.Object, copies: Evaluated, settings: DepthSettings) -> Variation | None:
-    """The painted variation of the tolerance over an object's control mesh (``read``). Raises ControlMeshError."""
-    if is_evaluated(blender_object, counted_modifiers(blender_object, use_modifiers=settings.use_modifiers)):
-        return settings.variation(blender_object, copies.made(blender_object)[0], is_own=False)
-    with own_mesh(blender_object) as own:
-        return settings.variation(blender_object, own, is_own=True)
 
 
 def _state(blender_object: bpy.types.Object, settings: DepthSettings, frame: int | None) -> ObjectState:

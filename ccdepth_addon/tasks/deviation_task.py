@@ -26,13 +26,13 @@ from ..core import (
     part_of,
     validate,
 )
-from ..exchange.control_mesh import ControlMeshError, read_alone
+from ..exchange.control_mesh import ControlMeshError, counted_copies, read_with_origins
 from ..exchange.data_blocks import Identity
 from ..exchange.displayed_mesh import ShownMesh, read_shown_mesh
 from ..exchange.evaluated import NO_ORIGIN, is_placed
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
-from .surfaces import NOT_PLACED, ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance
+from .surfaces import NOT_PLACED, ComputeError, Faults, Surface, VariedSettings
 from .views import Views, read_views, surface_of
 
 # The share of the progress that angles take.
@@ -43,7 +43,7 @@ ROUNDED = 1e-15
 
 
 @dataclass(frozen=True)
-class MeasureSettings(SurfaceSettings):
+class MeasureSettings(VariedSettings):
     """The settings of Measure Deviation. time_limit: in seconds, 0 for none."""
 
     accuracy: float
@@ -91,14 +91,16 @@ def verdict_of(proved: float, reached: float, tolerance: float) -> Verdict:
 
 @dataclass(frozen=True)
 class MeshDeviation:
-    """The answer for one mesh; distances are lengths in the scene.
+    """The answer for one mesh; distances are lengths in the scene. Where the tolerance varies, each is divided by the
+    factor at the point of the surface.
 
     holders: the measured objects of the mesh, the worst first. against: the object of the limit surface.
     tolerance: as a length. deviations: (F,) float64, proved for each face of the mesh; 0 for a face without shown
     parts. proved: for the whole, with the surface itself and faces added by modifiers. reached: a distance really
     there. out_of_time: whether the time limit ended the measurement. worst_face: the face of the reached distance, or
     ``NO_ORIGIN``. worst_point: (3,), in the scene. facet_angle, shading_angle: the largest angles found at samples
-    between triangles, and between their shading, and the limit surface, in radians; None without normals.
+    between triangles, and between their shading, and the limit surface, in radians; None without normals. factors: the
+    least and the greatest on the tolerance; None for the same everywhere.
     """
 
     holders: list[Identity]
@@ -113,6 +115,7 @@ class MeshDeviation:
     worst_point: FloatArray
     facet_angle: float
     shading_angle: float | None
+    factors: tuple[float, float] | None
 
     @property
     def measured(self) -> str:
@@ -174,15 +177,17 @@ def _read_target(
 ) -> MeasureTask:
     if not is_placed(context.view_layer, target):
         raise ControlMeshError(f"{NOT_PLACED}, so its place in the scene is not known; show it first")
-    control = read_alone(context, target, use_modifiers=settings.use_modifiers)
+    with counted_copies(context, [target], use_modifiers=settings.use_modifiers) as copies:
+        control = read_with_origins(target, copies, use_modifiers=settings.use_modifiers)
+        painted = settings.variation_read(target, copies)
     validate(control.in_world)
-    surface = surface_of(target, control, settings, views)
+    surface = surface_of(target, control, settings, views, painted)
     place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
     return MeasureTask(surface, place[:3, 3], own, [])
 
 
 def _refuse_bad_settings(settings: MeasureSettings) -> None:
-    refuse_bad_tolerance(settings.tolerance)
+    settings.refuse_bad_numbers()
     if not np.isfinite(settings.accuracy) or settings.accuracy <= 0:
         raise ComputeError("The accuracy must be a number greater than zero")
 
@@ -227,7 +232,8 @@ def _measure_one(
     is_tolerance_enough: bool,
 ) -> MeshDeviation:
     shown, control = measured.shown, task.surface.control
-    rounding, positions = shown.rounding_from(task.location), shown.positions_from(task.location)
+    positions, rounding = shown.positions_from(task.location), shown.rounding_from(task.location)
+    rounding /= task.surface.least_factor
     # With the rounding the distance is still within the tolerance.
     limit = max(0.0, (1 - ROUNDED) * task.surface.tolerance - rounding)
     found = measure_deviation(
@@ -239,6 +245,7 @@ def _measure_one(
         tolerance=task.surface.tolerance,
         enough=limit if is_tolerance_enough else 0.0,
         limit=limit,
+        variation=task.surface.variation(control),
         progress=part_of(progress, 0.0, 1 - SHARE_OF_ANGLES),
     )
     facet_angle, shading_angle = _largest_angles(task, shown, positions, lambda: progress(1 - SHARE_OF_ANGLES))
@@ -259,6 +266,7 @@ def _measure_one(
         worst_point=found.worst_point + task.location,
         facet_angle=facet_angle,
         shading_angle=shading_angle,
+        factors=task.surface.factors,
     )
 
 

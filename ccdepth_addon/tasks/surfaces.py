@@ -17,6 +17,9 @@ from ..core import FloatArray, InvalidMeshError, Pixels, ToleranceError, Variati
 from ..exchange.blender_arrays import WriteError
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 from ..exchange.data_blocks import Identity
+from ..exchange.evaluated import Evaluated
+from ..exchange.mesh_arrays import own_mesh
+from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..exchange.tolerance_factors import corner_factors
 
 # Relative slack for rounding when one object's scale is compared with another's.
@@ -83,6 +86,13 @@ class VariedSettings(SurfaceSettings):
         factors = corner_factors(holder, mesh, self, is_own=is_own)
         return None if factors is None else Variation(factors)
 
+    def variation_read(self, blender_object: bpy.types.Object, copies: Evaluated) -> Variation | None:
+        """The variation of the tolerance over the control mesh of an object (``read``). Raises ControlMeshError."""
+        if is_evaluated(blender_object, counted_modifiers(blender_object, use_modifiers=self.use_modifiers)):
+            return self.variation(blender_object, copies.made(blender_object)[0], is_own=False)
+        with own_mesh(blender_object) as own:
+            return self.variation(blender_object, own, is_own=True)
+
     def refuse_bad_numbers(self) -> None:
         """Raise ComputeError for a tolerance or a coarsest factor without meaning."""
         refuse_bad_tolerance(self.tolerance)
@@ -129,6 +139,12 @@ class Surface:
     def least_factor(self) -> float:
         """The least factor by weights or materials: none on the tolerance is less."""
         return 1.0 if self.painted is None else self.painted.least_factor
+
+    @property
+    def factors(self) -> tuple[float, float] | None:
+        """The least and the greatest factor on the tolerance, of pixels by face; None for the same everywhere."""
+        by_face = self.variation_by_face
+        return None if by_face is None else (by_face.least_factor, by_face.greatest_factor)
 
     @property
     def varies(self) -> bool:

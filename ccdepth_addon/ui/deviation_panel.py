@@ -7,7 +7,7 @@ import bpy
 
 from ..state import mesh_values, out_of_date
 from ..state.chosen import chosen, to_measure
-from ..state.properties import Settings
+from ..state.properties import Settings, VariationProperties
 from ..state.still_holds import UNCHECKED, is_own, measured_object, measured_to_show, target_of
 from ..tasks.surfaces import ComputeError
 from .facts import draw_facts, facts_of_measurement
@@ -119,7 +119,10 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     """The reason why the measurement is out of date; empty where the measurement holds."""
     if change := out_of_date.noted(mesh).change:
         return NOT_CHECKED if change == UNCHECKED else f"Out of date: {change}"
-    is_same = Settings.of(settings, ["accuracy"]) == Settings.of(mesh.ccdepth.measurement, ["accuracy"])
+    found, names = mesh.ccdepth.measurement, ["accuracy", "tolerance_by"]
+    if found.tolerance_by == "VERTEX_GROUP":
+        names += VariationProperties.__annotations__
+    is_same = Settings.of(settings, names) == Settings.of(found, names)
     return "" if is_same else "Out of date: settings changed"
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from decimal import Decimal
 from math import degrees
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from ..state.chosen import chosen
 from ..state.heat_map import Shown
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..tasks.deviation_task import Verdict
-from .lengths import DEGREES, DIGITS, Rounding, Unit, bound_texts, common_unit, count_text, length_text
+from .lengths import DEGREES, DIGITS, Rounding, Unit, bound_texts, common_unit, count_text, length_text, number_text
 from .sidebar import NAME_PART
 
 # Larger counts of faces are written as powers of ten.
@@ -106,7 +107,7 @@ def _seen_from(record: bpy.types.PropertyGroup) -> list[Fact]:
 
 
 def _varied_by(record: bpy.types.PropertyGroup) -> list[Fact]:
-    """What the tolerance of depths varies by."""
+    """What the tolerance of depths, or of a measurement, varies by."""
     texts = {"VERTEX_GROUP": f"{record.vertex_group}, up to {record.coarsest:.3g} times", "MATERIAL": "Materials"}
     meaning = "What the tolerance varies by: every face is within its own tolerance"
     return [Fact("Vary by", texts[record.tolerance_by], meaning)] if record.tolerance_by in texts else []
@@ -179,15 +180,15 @@ def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[
 def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> tuple[str, list[Fact]]:
     """The tolerance of the measurement on a mesh, as text, and the facts about the measurement."""
     found = record.measurement
-    allowed = found.world_tolerance
-    unit = common_unit(scene, (record.deviation, record.deviation_reached, allowed))
-    most, tolerance = bound_texts(scene, record.deviation, allowed, unit)
-    least = length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)
+    factors = tuple(found.factors) if found.factors[1] else None
+    lengths = record.deviation, record.deviation_reached, found.world_tolerance
+    most, least, tolerance = deviation_texts(scene, *lengths, factors)
     reached = "The distance of one point; the largest distance is between At Least and At Most"
     return tolerance, [
         Fact("At Most", most, "The proved largest distance, both ways"),
         Fact("At Least", least, reached),
         *_seen_from(found),
+        *_varied_by(found),
         Fact("Facets", angle_text(record.deviation_facet_angle), f"{AT_SAMPLES} of the triangles"),
         Fact("Shading", angle_text(record.deviation_shading_angle), f"{AT_SAMPLES} of the shading"),
     ]
@@ -214,8 +215,36 @@ def angle_text(angle: float) -> str:
     return f"{degrees(angle):.2f}° at samples"
 
 
+def deviation_texts(
+    scene: bpy.types.Scene, proved: float, reached: float, tolerance: float, factors: Sequence[float] | None
+) -> tuple[str, str, str]:
+    """A measurement's proved and reached distance and the tolerance, as texts: lengths in the scene, or where the
+    tolerance varies by factors, distances in parts of the tolerance at their place."""
+    unit = common_unit(scene, (proved, reached, tolerance))
+    most, allowed = bound_texts(scene, proved, tolerance, unit)
+    if factors:
+        return *ratio_texts(proved, reached, tolerance), f"{allowed} {factors_text(factors)}"
+    return most, length_text(scene, reached, Rounding.DOWN, unit=unit), allowed
+
+
+def ratio_texts(proved: float, reached: float, tolerance: float) -> tuple[str, str]:
+    """A proved and a reached distance in parts of the tolerance at their place."""
+    texts = (
+        number_text(Decimal(length) / Decimal(tolerance), rounding)
+        for length, rounding in ((proved, Rounding.UP), (reached, Rounding.DOWN))
+    )
+    most, least = (f"{text} of its tolerance" for text in texts)
+    return most, least
+
+
+def factors_text(factors: Sequence[float]) -> str:
+    """The factors on a tolerance that varies."""
+    least, greatest = factors
+    return f"× {least:.3g} to {greatest:.3g}"
+
+
 def deviation_text(most: str, least: str, tolerance: str, verdict: Verdict) -> str:
-    """The measurement as a sentence, from lengths as text."""
+    """The measurement as a sentence, from texts of its distances and the tolerance."""
     joined = "; the tolerance is" if verdict is Verdict.UNDECIDED else " of"
     return f"Deviation at most {most}, at least {least}: {verdict.value}{joined} {tolerance}"
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tolerances that vary by weights and by materials, against distances of samples from Blender's own modifier."""
 
+import json
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +18,9 @@ from tests.blender.runs import run, save
 from tests.blender.subdividing import faces, known_count, refused, refuses, subdivide
 
 TOLERANCE, COARSEST = 0.002, 10.0
+
+# For less time.
+COARSE = 0.01
 
 
 @pytest.fixture(autouse=True)
@@ -88,6 +92,43 @@ def test_every_sample_is_within_its_own_tolerance() -> None:
     for point in drawn:
         _, _, face, distance = surface.find_nearest(Vector(point))
         assert distance <= 1.1 * own[quads[face]].max()
+
+
+def test_measured_distances_are_divided_by_the_factors() -> None:
+    holder = painted(front)
+    [result] = subdivide(holder, **by_group(tolerance=COARSE))
+    addon.measure(result, holder, **by_group(tolerance=COARSE, time_limit=0.0, accuracy=0.2))
+    record = result.data.ccdepth
+    assert record.measurement.verdict == "MET"
+    assert [*record.measurement.factors] == pytest.approx([1.0, COARSEST])
+    assert 0.3 * COARSE < record.deviation_reached <= record.deviation <= COARSE
+    positions, _, weights = deep_level(holder)
+    tree = BVHTree.FromPolygons(
+        scene.mesh_data(result.data).positions.tolist(), scene.triangles_of(result.data).tolist()
+    )
+    distances = np.array([tree.find_nearest(Vector(each))[3] for each in positions])
+    # Positions are in single precision.
+    assert np.all(distances <= record.deviation * COARSEST ** (1 - weights) * (1 + 1e-5))
+    tolerance, facts = addon.module("ui.facts").facts_of_measurement(bpy.context.scene, record)
+    assert tolerance.endswith("× 1 to 10")
+    assert facts[0].value.endswith("of its tolerance")
+    addon.measure(result, holder, tolerance=COARSE, tolerance_by="NONE", time_limit=0.0, accuracy=0.2)
+    assert record.measurement.verdict == "NOT_MET"
+    assert record.deviation > 1.5 * COARSE
+
+
+def test_a_measurement_by_other_weights_is_out_of_date() -> None:
+    holder, panel = painted(front), addon.module("ui.deviation_panel")
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
+    settings.tolerance_by, settings.vertex_group = "VERTEX_GROUP", "Detail"
+    addon.measure(holder)
+    assert panel.stale_line(settings, holder.data) == ""
+    settings.coarsest = 5.0
+    assert "settings changed" in panel.stale_line(settings, holder.data)
+    settings.coarsest = COARSEST
+    holder.vertex_groups["Detail"].add([0], 0.123, "REPLACE")
+    assert "changed" in addon.module("state.still_holds").change_since_measured(holder.data, [holder])
 
 
 def test_equal_weights_are_one_tolerance() -> None:
@@ -259,14 +300,26 @@ def test_refusals_in_one_line() -> None:
 def test_the_command_line_varies_the_tolerance(tmp_path: Path) -> None:
     painted(front)
     source, output = save(tmp_path / "painted.blend"), tmp_path / "made.blend"
-    arguments = ["--subdivide", "--absolute", "--tolerance", TOLERANCE, "--tolerance-by", "vertex-group"]
+    arguments = ["--subdivide", "--absolute", "--tolerance", COARSE, "--tolerance-by", "vertex-group"]
     arguments += ["--vertex-group", "Detail", "--coarsest", "20", "--output", output]
     assert run(source, *arguments) == 0
     bpy.ops.wm.open_mainfile(filepath=str(output))
     assert any(mesh.ccdepth.largest_ratio > 0 for mesh in bpy.data.meshes)
-    assert run(source, *arguments, "--overwrite", "--json", tmp_path / "report.json") == 1
+    report = tmp_path / "report.json"
+    assert run(source, *arguments, "--overwrite", "--json", report) == 0
+    content = json.loads(report.read_text())
+    [entry] = content["files"][0]["objects"]
+    assert entry["met"]
+    assert entry["measured"]["proved"] <= COARSE < 10 * entry["measured"]["proved"]
+    assert entry["factors"] == pytest.approx([1.0, 20.0])
+    assert run("--verify", report) == 0
+    entry["factors"][1] = 30.0
+    report.write_text(json.dumps(content))
+    assert run("--verify", report) == 1
     arguments.remove("--subdivide")
     assert run(source, *arguments, "--levels", "--method", "certified", "--overwrite") == 0
     bpy.ops.wm.open_mainfile(filepath=str(output))
     assert any(mesh.ccdepth.tolerance_by == "VERTEX_GROUP" for mesh in bpy.data.meshes)
-    assert run(source, *arguments[:-2], "--json", tmp_path / "report.json") == 1
+    arguments = arguments[: arguments.index("--output")]
+    assert run(source, *arguments, "--measure", "--json", report, "--overwrite") == 1
+    assert not json.loads(report.read_text())["files"][0]["objects"][0]["met"]
