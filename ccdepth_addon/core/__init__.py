@@ -44,7 +44,7 @@ from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
-from .tolerance.surface_views import View, most_pixels, pixel_lengths
+from .tolerance.surface_views import Pixels, View, most_pixels
 from .tolerance.variation import ToleranceError, Variation
 
 __all__ = [
@@ -62,6 +62,7 @@ __all__ = [
     "IndexArray",
     "InvalidMeshError",
     "Mode",
+    "Pixels",
     "Places",
     "PolygonMesh",
     "Pose",
@@ -101,7 +102,6 @@ __all__ = [
     "needed_quality",
     "no_report",
     "part_of",
-    "pixel_lengths",
     "polygon_mesh",
     "pose_depths",
     "raised_depths",

@@ -9,7 +9,7 @@ import pickle
 import subprocess
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import inf, nextafter
 from pathlib import Path
@@ -45,7 +45,7 @@ from ..state import result_record
 from ..state.chosen import chosen
 from ..state.mesh_values import AdaptiveFacts
 from ..state.properties import Settings
-from ..tasks.adaptive_task import AdaptiveTask, prepare_adaptive
+from ..tasks.adaptive_task import prepare_adaptive
 from ..tasks.deviation_task import MeasureSettings, MeasureTask
 from ..tasks.surfaces import ComputeError, Surface, naming, scene_unit
 from ..ui.facts import deviation_texts
@@ -263,7 +263,7 @@ def _written(
             replaced += left_out_sculpting(user, use_modifiers=use_modifiers)
             wanted[user] = mesh, [modifier for modifier in user.modifiers if modifier not in replaced]
             parts[user.name] = WrittenPart(
-                _surface(context, task, user, target.tolerance), 0, len(source.data.polygons), AdaptiveFacts.of(mesh)
+                _surface(context, target.surface, user), 0, len(source.data.polygons), AdaptiveFacts.of(mesh)
             )
     if len(parts) < len(wanted):
         raise ComputeError("Two of the objects have the same name: rename one, as files know objects by their names")
@@ -276,12 +276,11 @@ def _written(
     return parts, lost
 
 
-def _surface(context: bpy.types.Context, task: AdaptiveTask, user: bpy.types.Object, tolerance: float) -> MeasureTask:
-    """The limit surface in the place of a user of the task's mesh, to measure against."""
+def _surface(context: bpy.types.Context, surface: Surface, user: bpy.types.Object) -> MeasureTask:
+    """The limit surface in the place of its object, to measure against."""
     depsgraph = context.evaluated_depsgraph_get()
     place = np.array(user.evaluated_get(depsgraph).matrix_world, dtype=np.float64)
-    control = replace(task.surface.control, world=place[:3, :3])
-    return MeasureTask(Surface(task.surface.holder, control, tolerance), place[:3, 3], False, [], task.surface.variation)
+    return MeasureTask(surface, place[:3, 3], False, [])
 
 
 def _measured(folder: Path, place: Path) -> Steps[None]:

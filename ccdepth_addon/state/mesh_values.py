@@ -146,7 +146,7 @@ def write_adaptive(
     record.subdivision = settings.mode
     record.base_faces = answer.task.surface.control.face_count
     record.largest_bound = float(bounds.max(initial=0.0))
-    if answer.task.surface.variation is not None:
+    if answer.task.surface.varies:
         record.largest_ratio = float(rounded_up(answer.adaptive.ratios).max(initial=0.0))
     if has_angles:
         _write_angles(mesh, answer, settings)

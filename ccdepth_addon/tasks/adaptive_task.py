@@ -124,14 +124,21 @@ class AdaptiveSettings(VariedSettings):
 
 
 class Target(NamedTuple):
-    """The object that gets a result. source: the object to make the result from; the same object, unless results are
-    made anew. tolerance: in the place of its user, a length in the
-    scene. scale: of its user, as AᵀA (6,)."""
+    """The object that gets a result. surface: in its place. source: the object to make the result from; the same
+    object, unless results are made anew."""
 
-    user: Identity
+    surface: Surface
     source: Identity
-    tolerance: float
-    scale: FloatArray
+
+    @property
+    def user(self) -> Identity:
+        """The object."""
+        return self.surface.holder
+
+    @property
+    def scale(self) -> FloatArray:
+        """(6,): its scale, as AᵀA."""
+        return gram_matrix(self.surface.control.world)[np.triu_indices(3)]
 
 
 @dataclass(frozen=True)
@@ -182,7 +189,7 @@ class AdaptiveTask:
         if not settings.longest_edge:
             return 0.0
         # In an object that is dominated, vectors are no longer, in parts of its tolerance.
-        shortest = settings.longest_edge * self.surface.tolerance / max(each.tolerance for each in self.targets)
+        shortest = settings.longest_edge * self.surface.tolerance / max(each.surface.tolerance for each in self.targets)
         rest = shortest - 2 * self.stored
         if rest <= 0:
             raise ComputeError(f"{self.object_names[0]}: the Longest Edge is finer than the mesh's single precision")
@@ -202,7 +209,7 @@ class AdaptiveTask:
             stored=self.stored,
             longest_edge=self.longest_edge(settings),
             rounding=self.allowance,
-            variation=self.surface.variation,
+            variation=self.surface.variation(self.control),
         )
 
 
@@ -216,7 +223,7 @@ class AdaptiveAnswer:
     @property
     def world_tolerance(self) -> float:
         """The largest tolerance of its objects, a length in the scene."""
-        return max(target.tolerance for target in self.task.targets)
+        return max(target.surface.tolerance for target in self.task.targets)
 
     def largest_over_users(self, bounds: FloatArray) -> FloatArray:
         """(N,) proved distances as lengths in the scene, with all rounding, wherever the result is used."""
@@ -324,9 +331,8 @@ def _task(
         # Objects of one mesh may have materials of their own.
         surface.paint,
     )
-    scale = gram_matrix(control.world)[np.triu_indices(3)]
     task = AdaptiveTask(
-        targets=[Target(surface.holder, Identity.of(blender_object), surface.tolerance, scale)],
+        targets=[Target(surface, Identity.of(blender_object))],
         dependencies=dependencies,
         surface=surface,
         allowance=allowance,

@@ -118,7 +118,11 @@ class DepthWork:
                 for number, request in enumerate(group.requests):
                     check = check_pose if number else check_input
                     with self.faults.of(request.surface.holder.uid, request.frame):
-                        check(request.surface.control.in_world, request.surface.tolerance, request.surface.variation)
+                        check(
+                            request.surface.control.in_world,
+                            request.surface.tolerance,
+                            request.surface.variation_by_face,
+                        )
         self.faults.refuse()
 
 
@@ -209,7 +213,8 @@ def _read_objects(
                     if frame is not None:
                         control = control.with_known_arrays(work.arrays)
                     task = _task_of(each, work)
-                    surface = surface_of(each, control, settings, views, settings.variation_read(each, copies))
+                    painted = settings.variation_read(each, copies)
+                    surface = surface_of(each, control, settings, views, painted)
                     task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
                     task.states.append(_state(each, settings, frame))
 

@@ -22,7 +22,6 @@ from ..core import (
     InvalidMeshError,
     Progress,
     SampledSurface,
-    Variation,
     measure_deviation,
     part_of,
     validate,
@@ -67,13 +66,12 @@ class Measured:
 @dataclass(frozen=True)
 class MeasureTask:
     """A measurement. surface: the limit surface to measure against. location: (3,), of its object. own: whether the
-    only measured object is the object of the surface. variation: of the tolerance; None for the same everywhere."""
+    only measured object is the object of the surface."""
 
     surface: Surface
     location: FloatArray
     own: bool
     measured: list[Measured]
-    variation: Variation | None = None
 
 
 class Verdict(Enum):
@@ -181,11 +179,11 @@ def _read_target(
         raise ControlMeshError(f"{NOT_PLACED}, so its place in the scene is not known; show it first")
     with counted_copies(context, [target], use_modifiers=settings.use_modifiers) as copies:
         control = read_with_origins(target, copies, use_modifiers=settings.use_modifiers)
-        variation = settings.variation_read(target, copies)
+        painted = settings.variation_read(target, copies)
     validate(control.in_world)
-    surface = surface_of(target, control, settings, views)
+    surface = surface_of(target, control, settings, views, painted)
     place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
-    return MeasureTask(surface, place[:3, 3], own, [], variation)
+    return MeasureTask(surface, place[:3, 3], own, [])
 
 
 def _refuse_bad_settings(settings: MeasureSettings) -> None:
@@ -233,10 +231,9 @@ def _measure_one(
     progress: Progress,
     is_tolerance_enough: bool,
 ) -> MeshDeviation:
-    shown, control, variation = measured.shown, task.surface.control, task.variation
+    shown, control = measured.shown, task.surface.control
     positions, rounding = shown.positions_from(task.location), shown.rounding_from(task.location)
-    if variation is not None:
-        rounding /= variation.least_factor
+    rounding /= task.surface.least_factor
     # With the rounding the distance is still within the tolerance.
     limit = max(0.0, (1 - ROUNDED) * task.surface.tolerance - rounding)
     found = measure_deviation(
@@ -248,7 +245,7 @@ def _measure_one(
         tolerance=task.surface.tolerance,
         enough=limit if is_tolerance_enough else 0.0,
         limit=limit,
-        variation=variation,
+        variation=task.surface.variation(control),
         progress=part_of(progress, 0.0, 1 - SHARE_OF_ANGLES),
     )
     facet_angle, shading_angle = _largest_angles(task, shown, positions, lambda: progress(1 - SHARE_OF_ANGLES))
@@ -269,7 +266,7 @@ def _measure_one(
         worst_point=found.worst_point + task.location,
         facet_angle=facet_angle,
         shading_angle=shading_angle,
-        factors=None if variation is None else (variation.least_factor, variation.greatest_factor),
+        factors=task.surface.factors,
     )
 
 

@@ -78,7 +78,7 @@ class PoseGroup:
     def poses(self) -> tuple[list[Pose], str, str]:
         """The poses, the method and the vertices, as the core takes them."""
         poses = [
-            Pose(self._maker(each.control), each.tolerance, each.variation)
+            Pose(self._maker(each.control), each.tolerance, each.variation_by_face)
             for each in (request.surface for request in self.requests)
         ]
         return poses, self.method, self.requests[0].vertices

@@ -13,7 +13,7 @@ from typing import Any, Self
 import bpy
 import numpy as np
 
-from ..core import FloatArray, InvalidMeshError, ToleranceError, Variation
+from ..core import FloatArray, InvalidMeshError, Pixels, ToleranceError, Variation, surface_boxes
 from ..exchange.blender_arrays import WriteError
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 from ..exchange.data_blocks import Identity
@@ -25,8 +25,8 @@ from ..exchange.tolerance_factors import corner_factors
 # Relative slack for rounding when one object's scale is compared with another's.
 SCALE_ROUNDING = 1e-9
 
-# The condition of a matrix whose inverse has nine digits.
-FLATTEST = 1e5
+# The condition of a matrix whose inverse has eight digits.
+FLATTEST = 1e7
 
 # The largest number that Blender stores, also in place of larger numbers and infinity.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
@@ -104,28 +104,52 @@ class VariedSettings(SurfaceSettings):
 class Surface:
     """A control mesh with its object's matrix, and the tolerance there, as a length in the scene.
 
-    painted: the variation of the tolerance by weights or materials; in_view: (F,) the factors on the tolerance of faces
-    by pixels, about 1 or more. None for the same everywhere.
+    painted: the variation of the tolerance by weights or materials. pixels: of a tolerance in pixels, with the least
+    length on the object as the unit. None for the same everywhere.
     """
 
     holder: Identity
     control: ControlMesh
     tolerance: float
     painted: Variation | None = None
-    in_view: FloatArray | None = None
+    pixels: Pixels | None = None
+
+    def variation(self, control: ControlMesh) -> Variation | None:
+        """How the tolerance varies over the control mesh, perhaps as another object has it; None for the same
+        everywhere."""
+        if self.pixels is None:
+            return self.painted
+        moved = self.pixels.moved(relative_matrix(self.control.world, control.world))
+        return Variation(self._factors, moved)
 
     @cached_property
-    def variation(self) -> Variation | None:
-        """How the tolerance varies over the control mesh; None for the same everywhere."""
-        if self.in_view is None:
+    def variation_by_face(self) -> Variation | None:
+        """A variation with the least tolerance of each face."""
+        if self.pixels is None:
             return self.painted
-        factors = np.repeat(self.in_view, self.control.topology.arrays.face_sizes)
-        return Variation(factors if self.painted is None else self.painted.factors * factors)
+        arrays = self.control.topology.arrays
+        of_faces = self.pixels.extremes(*surface_boxes(self.control.in_world))[0]
+        return Variation(self._factors * np.repeat(of_faces, arrays.face_sizes))
+
+    @property
+    def _factors(self) -> FloatArray:
+        return np.ones(self.control.topology.arrays.corner_count) if self.painted is None else self.painted.factors
 
     @property
     def least_factor(self) -> float:
-        """The least factor on the tolerance anywhere."""
-        return 1.0 if self.variation is None else self.variation.least_factor
+        """The least factor by weights or materials: none on the tolerance is less."""
+        return 1.0 if self.painted is None else self.painted.least_factor
+
+    @property
+    def factors(self) -> tuple[float, float] | None:
+        """The least and the greatest factor on the tolerance, of pixels by face; None for the same everywhere."""
+        by_face = self.variation_by_face
+        return None if by_face is None else (by_face.least_factor, by_face.greatest_factor)
+
+    @property
+    def varies(self) -> bool:
+        """Whether the tolerance varies over the control mesh."""
+        return self.painted is not None or self.pixels is not None
 
     @property
     def paint(self) -> bytes | None:
@@ -133,22 +157,21 @@ class Surface:
         return None if self.painted is None else self.painted.factors.tobytes()
 
     def within(self, others: Iterable[Surface]) -> Surface:
-        """The surface with its pixels small enough for others that it dominates as well, of the same control mesh."""
-        in_view = self.in_view
+        """The surface with pixels that hold for others that it dominates as well, of the same control mesh."""
+        pixels = self.pixels
+        if pixels is None:
+            return self
+        longest = self.tolerance * pixels.extremes(*surface_boxes(self.control.in_world))[1].max()
+        views = pixels.views
         for other in others:
-            if in_view is not None and other.in_view is not None:
-                ratio = other.tolerance / self.tolerance / self.stretch_to(other)
-                in_view = np.minimum(in_view, ratio * other.in_view)
-        return replace(self, in_view=in_view)
-
-    def stretch_to(self, other: Surface) -> float:
-        """The largest factor from a length of the surface to its length in a surface that it dominates."""
-        try:
-            moved = relative_matrix(other.control.world, self.control.world)
-        except ControlMeshError:
-            # No vector of a dominated surface is longer, in parts of its tolerance.
-            return other.tolerance / self.tolerance
-        return float(np.linalg.norm(moved, 2)) * (1 + SCALE_ROUNDING)
+            try:
+                matrix = relative_matrix(other.control.world, self.control.world)
+            except ControlMeshError:
+                # No vector of a dominated surface is longer, in parts of its tolerance.
+                return replace(self, pixels=None)
+            if other.pixels is not None and other.tolerance < longest * np.linalg.norm(matrix, 2):
+                views += other.pixels.moved(matrix).views
+        return replace(self, pixels=replace(pixels, views=views))
 
     @property
     def object_name(self) -> str:
@@ -160,7 +183,7 @@ class Surface:
 
 
 def relative_matrix(world: FloatArray, base: FloatArray) -> FloatArray:
-    """(3, 3): the matrix that moves what base (3, 3) has moved to where world (3, 3) moves it, to nine digits. Raises
+    """(3, 3): the matrix that moves what base (3, 3) has moved to where world (3, 3) moves it, to eight digits. Raises
     ControlMeshError if base is too flat for any."""
     if np.array_equal(world, base):
         return np.eye(3)

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core import FloatArray, Variation, View, most_pixels, pixel_lengths, surface_boxes
+from ..core import FloatArray, Pixels, Variation, View, most_pixels, surface_boxes
 from ..exchange.cameras import CameraError, named_camera, of_object, view_of
 from ..exchange.control_mesh import ControlMesh
 from ..exchange.data_blocks import Identity
@@ -26,17 +26,14 @@ class Views:
     of_objects: dict[int, list[tuple[View, FloatArray]]]
     off_screen: float
 
-    def pixels(self, uid: int, control: ControlMesh) -> FloatArray:
-        """(F,): the lengths of a pixel on the faces of an object with this control mesh, the least over the frames.
-        Raises ControlMeshError."""
-        views = []
-        for view, world in self.of_objects[uid]:
-            linear, offset = view.to_camera[:, :3], view.to_camera[:, 3:]
-            moved = linear @ relative_matrix(world, control.world)
-            views.append(replace(view, to_camera=np.concatenate([moved, offset], axis=1)))
+    def pixels(self, uid: int, control: ControlMesh) -> Pixels:
+        """The lengths of a pixel on an object with this control mesh, with the least as the unit. Raises
+        ControlMeshError."""
+        views = tuple(view.moved(relative_matrix(world, control.world)) for view, world in self.of_objects[uid])
+        found = Pixels(1.0, (views,), self.off_screen)
         # Positions that are not finite are found and refused later.
         with np.errstate(all="ignore"):
-            return pixel_lengths(views, *surface_boxes(control.in_world), self.off_screen)
+            return replace(found, unit=float(found.extremes(*surface_boxes(control.in_world))[0].min()))
 
 
 def surface_of(
@@ -50,8 +47,7 @@ def surface_of(
     holder = Identity.of(blender_object)
     if settings.tolerance_mode == "PIXELS":
         pixels = views.pixels(holder.uid, control)
-        least = float(pixels.min())
-        return Surface(holder, control, settings.tolerance * least, painted, pixels / least)
+        return Surface(holder, control, settings.tolerance * pixels.unit, painted, pixels)
     unit = control.diagonal() if settings.tolerance_mode == "RELATIVE" else 1.0
     return Surface(holder, control, settings.tolerance * unit, painted)
 

@@ -180,7 +180,7 @@ def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[
 def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> tuple[str, list[Fact]]:
     """The tolerance of the measurement on a mesh, as text, and the facts about the measurement."""
     found = record.measurement
-    factors = None if found.tolerance_by == "NONE" else tuple(found.factors)
+    factors = tuple(found.factors) if found.factors[1] else None
     lengths = record.deviation, record.deviation_reached, found.world_tolerance
     most, least, tolerance = deviation_texts(scene, *lengths, factors)
     reached = "The distance of one point; the largest distance is between At Least and At Most"

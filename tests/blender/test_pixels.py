@@ -157,10 +157,18 @@ def test_an_object_from_near_to_far_is_finer_where_it_is_near() -> None:
     assert 0 < record.largest_ratio <= 1
     bounds = scene.values_of(result.data.attributes["ccdepth_bound"].data, "value", np.float32)[:, 0]
     assert np.all(bounds <= 0.5 * farthest_depths(result) / (FOCAL / 10))
-    by_face = faces(result)
+    count, settings = faces(result), bpy.context.scene.ccdepth
+    bpy.context.view_layer.objects.active = result
+    for pixels, verdict in ((0.5, "MET"), (0.1, "NOT_MET")):
+        settings.pixels = pixels
+        addon.finish("measure", result)
+        assert result.data.ccdepth.measurement.verdict == verdict
+        assert (
+            result.data.ccdepth.deviation <= (1 + 1e-6) * 0.5 / pixels * result.data.ccdepth.measurement.world_tolerance
+        )
     road.hide_set(False)
     addon.finish("subdivide", road, tolerance=record.world_tolerance, tolerance_mode="ABSOLUTE")
-    assert faces(bpy.context.object) > 2 * by_face
+    assert faces(bpy.context.object) > 2 * count
 
 
 def test_one_mesh_is_fine_enough_wherever_one_of_its_objects_is_near() -> None:

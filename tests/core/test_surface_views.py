@@ -8,9 +8,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.core import View, limit_values, pixel_lengths, surface_boxes
-from tests import meshes
-from tests.core.test_variation import dense
+from ccdepth_addon.core import (
+    AdaptiveRequest,
+    Mode,
+    Pixels,
+    PolygonMesh,
+    Variation,
+    View,
+    count_faces,
+    limit_values,
+    subdivide_adaptively,
+    surface_boxes,
+)
+from ccdepth_addon.core.adaptive.planner import plan_within
+from tests import meshes, soundness
+from tests.core.test_variation import ROUNDED, SEEDS, SIDE, SPACED, build, dense, nearest
 
 PIXELS, OFF_SCREEN = 0.5, 4.0
 
@@ -61,7 +73,39 @@ def control_points(rng: np.random.Generator, seen: View) -> NDArray:
 def length(views: list[View], points: NDArray, pixels: float = PIXELS) -> float:
     """The tolerance of the hull of points."""
     low, high = points.min(axis=0)[:, None], points.max(axis=0)[:, None]
-    return float(pixels * pixel_lengths(views, low, high, OFF_SCREEN)[0])
+    return float(pixels * over(views).extremes(low, high)[0][0])
+
+
+def over(*users: list[View]) -> Pixels:
+    return Pixels(1.0, tuple(tuple(views) for views in users), OFF_SCREEN)
+
+
+def lengths_at(views: list[View], points: NDArray) -> NDArray:
+    """(P,): the lengths of a pixel at points, by the definition: between two frames of one camera in the box of both
+    places."""
+    found = []
+    for one, other in pairwise(views) if len(views) > 1 else [(views[0], views[0])]:
+        places = np.stack([in_camera(each, points) for each in (one, other)])
+        stretch = max(np.linalg.norm(each.to_camera[:, :3], 2) for each in (one, other)) * one.focal
+        size, center = np.array(one.size), np.array(one.center)
+        low, high = (-0.1 * size - center) / one.focal, (1.1 * size - center) / one.focal
+        x, y = np.abs(places[:, :, :2]).max(axis=0).T
+        depths = np.maximum(places[:, :, 2].min(axis=0), one.near)
+        corner = np.hypot(*np.maximum(-low, high))
+        beside = np.minimum((np.hypot(x, y) / depths + 0.01) / 0.99, corner)
+        beside[places[:, :, 2].min(axis=0) < one.near] = corner
+        lengths = depths / np.sqrt(1 + beside**2)
+        nearest = np.where(np.ptp(np.sign(places), axis=0) > 0, 0, np.abs(places).min(axis=0))
+        distances = np.maximum(np.linalg.norm(nearest, axis=1), one.near)
+        if not one.is_perspective:
+            lengths = distances = np.ones(len(points))
+        outside = (places[:, :, 2] < one.near).all(axis=0)
+        z = places[:, :, 2] if one.is_perspective else np.ones(places.shape[:2])
+        for axis in range(2):
+            outside |= places[:, :, axis].max(axis=0) < (low[axis] * z).min(axis=0)
+            outside |= places[:, :, axis].min(axis=0) > (high[axis] * z).max(axis=0)
+        found.append(np.where(outside, OFF_SCREEN * distances, lengths) / stretch)
+    return np.min(found, axis=0)
 
 
 def shifted(seen: View, by: NDArray | list[float]) -> View:
@@ -117,6 +161,33 @@ def test_parts_of_a_part_have_no_smaller_tolerance_nor_have_fewer_frames() -> No
             assert whole <= length(views, points[rng.choice(len(points), few)]) * (1 + 1e-12)
 
 
+def test_lengths_over_boxes_are_about_those_at_points() -> None:
+    tight = 0
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        seen = view(rng, is_perspective=seed % 4 > 0)
+        points = control_points(rng, seen)
+        views = [seen, shifted(seen, rng.normal(size=3) * 0.1), shifted(seen, rng.normal(size=3))][: seed % 3 + 1]
+        size = 10 ** rng.uniform(-3, 0)
+        points = points[0] + size * (points - points[0])
+        low, high = points.min(axis=0), points.max(axis=0)
+        inside = np.concatenate([points, rng.uniform(low, high, (200, 3))])
+        lengths = lengths_at(views, inside)
+        least, greatest = over(views).extremes(low[:, None], high[:, None])
+        # Boxes are wider by 1e-8 of the largest coordinates, a thousand times the depth at most.
+        assert least[0] <= lengths.min() * (1 + 1e-5)
+        assert greatest[0] >= lengths.max() * (1 - 1e-5)
+        tight += size < 0.01 and greatest[0] < 1.3 * least[0]
+        single = over(views).extremes(inside.T, inside.T)
+        np.testing.assert_allclose(single[0], lengths, rtol=1e-4)
+        # Of two users the lesser one counts.
+        both = over(views, [shifted(seen, [0, 0, -1.0])]).extremes(low[:, None], high[:, None])
+        assert both[0][0] == min(
+            least[0], over([shifted(seen, [0, 0, -1.0])]).extremes(low[:, None], high[:, None])[0][0]
+        )
+    assert tight > 24
+
+
 def test_images_of_a_surface_from_near_to_far_are_within_the_pixels_by_face() -> None:
     """A landscape below a camera that walks and turns over it: on frames, and on the way between two of them."""
     mesh, rng = meshes.build(meshes.landscape(6, 6)), np.random.default_rng(1)
@@ -139,7 +210,7 @@ def test_images_of_a_surface_from_near_to_far_are_within_the_pixels_by_face() ->
 
     seen = View(np.zeros((3, 4)), 300.0, (200.0, 150.0), (400.0, 300.0), 0.01 * size[0], True)
     views = [replace(seen, to_camera=placed(part)) for part in np.linspace(0, 1, 7)]
-    lengths = PIXELS * pixel_lengths(views, low, high, OFF_SCREEN)
+    lengths = PIXELS * over(views).extremes(low, high)[0]
     assert lengths.max() > 3 * lengths.min()
     for one, other in pairwise(views):
         for part in np.linspace(0, 1, 3):
@@ -151,6 +222,50 @@ def test_images_of_a_surface_from_near_to_far_are_within_the_pixels_by_face() ->
                 largest = max(largest, off.max(initial=0.0))
     # The control points of a face are three faces apart, and boxes are around those of two frames.
     assert largest > 0.5 * PIXELS
+
+
+def passing(mesh: PolygonMesh) -> list[View]:
+    """Views of a camera that passes close by a mesh."""
+    low, size = mesh.positions.min(axis=0), np.ptp(mesh.positions, axis=0)
+    # Along y, with z upwards; a camera has its y axis downwards here.
+    ahead = np.array([(1.0, 0, 0), (0, 0, -1), (0, 1, 0)])
+    eyes = low + size * [(0.5, -0.1, 1.1), (0.5, 0.0, 1.1), (0.6, 0.2, 1.1)]
+    placed = [np.column_stack([ahead, -ahead @ eye]) for eye in eyes]
+    return [View(each, 400.0, (200.0, 150.0), (400.0, 300.0), 0.01 * size[0], True) for each in placed]
+
+
+@pytest.mark.parametrize("seed", [1, *SEEDS])
+@pytest.mark.parametrize("name", ["landscape", "creases", "n-gons", "valence 7"])
+def test_adaptive_meshes_are_within_the_pixels_at_each_point(name: str, seed: int) -> None:
+    mesh, rng = build(name, seed), np.random.default_rng(seed)
+    views = passing(mesh)
+    pixels = over(views)
+    pixels = replace(pixels, unit=pixels.extremes(*surface_boxes(mesh))[0].min())
+    variation, limit = Variation(np.ones(mesh.corner_count), pixels), 0.01 * meshes.diagonal(mesh)
+    request = AdaptiveRequest(limit, Mode.ADAPTIVE, 100_000, variation=variation)
+    found = subdivide_adaptively(mesh, request, mesh.positions)
+    assert np.all(found.ratios <= 1)
+    of_faces = Variation(np.repeat(variation.of_faces(mesh, 1.0), mesh.face_sizes))
+    assert len(found.bounds) <= count_faces(mesh, replace(request, variation=of_faces))
+    samples = dense(mesh, SIDE)
+    surface = limit_values(mesh, mesh.positions, samples)
+    own = limit / pixels.unit * lengths_at(views, surface)
+    plan, tessellation = plan_within(mesh, request, lambda _: None)
+    low, high = plan.surfaces.boxes(tessellation.leaves)
+    # Of places inside the control mesh's faces.
+    quads = np.flatnonzero(plan.tree.is_quad(tessellation.leaves))
+    for points in plan.tree.points_at(tessellation.leaves[quads], [(0, False), (1, True), (2, False)]):
+        inside = limit_values(mesh, mesh.positions, points).T
+        assert np.all(low[:, quads] - 1e-9 <= inside)
+        assert np.all(inside <= high[:, quads] + 1e-9)
+    if np.diff(found.mesh.face_starts).max() > 4:
+        pytest.skip("Blender chooses the triangles of polygons")
+    triangles = found.mesh.positions[soundness.drawn(found.mesh)]
+    some = rng.choice(len(own), 200)
+    assert np.all(nearest(surface[some], triangles)[1] <= own[some] * ROUNDED)
+    chosen = triangles[rng.integers(len(triangles), size=200)]
+    drawn = np.einsum("nk,nkd->nd", rng.dirichlet(np.full(3, 0.5), size=200), chosen)
+    assert np.all((np.linalg.norm(drawn[:, None] - surface, axis=2) / own).min(axis=1) <= SPACED)
 
 
 def test_what_is_off_screen_may_be_farther_off() -> None:

@@ -17,6 +17,7 @@ from ..arrays.chunks import index_chunks
 from ..arrays.column import Column
 from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.touching_faces import surface_boxes
 from ..surface.bicubic import patch_coefficients
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from ..surface.refinement import Refinement
@@ -119,6 +120,19 @@ class NodeSurfaces:
     def coefficients(self, quads: IndexArray) -> FloatArray:
         """(16, n, 3), component-major: the Bernstein coefficients over bicubic quads, [i, j] → 4i + j, u along i."""
         return self._transformed(quads, _subdivided).reshape(16, 3, -1).swapaxes(1, 2)
+
+    def boxes(self, nodes: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """(3, n) twice: the ends of boxes around the surface over nodes."""
+        low, high = np.empty((2, 3, len(nodes)))
+        is_quad, is_bicubic = self._tree.is_quad(nodes), self.are_bicubic(nodes)
+        own = np.flatnonzero(is_bicubic)
+        coefficients = self.coefficients(nodes[own])
+        low[:, own], high[:, own] = coefficients.min(axis=0).T, coefficients.max(axis=0).T
+        for chosen in (np.flatnonzero(is_quad & ~is_bicubic), np.flatnonzero(~is_quad)):
+            for places, refinement in self.refinements(nodes[chosen]):
+                own = chosen[places]
+                low[:, own], high[:, own] = (ends[:, : len(own)] for ends in surface_boxes(refinement.mesh))
+        return low, high
 
     def _transformed(self, quads: IndexArray, rows_of: RowsOver) -> FloatArray:
         """(R, R, 3, n): the coefficients of patches transformed by rows (R, 4), for the intervals of quads along u and

@@ -20,7 +20,7 @@ from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, RectangleTree
 from .request import AdaptiveRequest
 from .rings import largest_around, with_rings
 from .templates import WHOLE, template_numbers
-from .varied_limits import varied_limits
+from .varied_limits import VariedLimits
 from .vertex_positions import VertexPositions
 
 # A result is refused before planning when its estimated faces exceed the number allowed by this factor; and the least
@@ -62,6 +62,8 @@ class Plan:
         self.surfaces = NodeSurfaces(self.tree)
         self.positions = VertexPositions(self.tree)
         self.limits = self.tree.add_column(np.float64(request.limit - request.rounding))
+        varied = request.variation
+        self._varied = None if varied is None else VariedLimits(self.tree, self.surfaces, request.limit, varied)
         self._vary_limits(np.arange(mesh.face_count))
         nothing = LeafApproximation.none(1)
         self._drawn = {field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)}
@@ -108,9 +110,8 @@ class Plan:
 
     def _vary_limits(self, nodes: IndexArray) -> None:
         """Set the limits of nodes where the limit varies."""
-        variation = self.request.variation
-        if variation is not None and len(nodes):
-            limits = varied_limits(self.tree, nodes, self.request.limit, variation)
+        if self._varied is not None and len(nodes):
+            limits = self._varied.of(nodes)
             self.limits.values[nodes] = limits - self.request.rounding
             if not np.all(limits > self.request.rounding):
                 raise ToleranceError(
@@ -262,7 +263,11 @@ class Plan:
         self.surfaces.follow(leaves, way)
         self._split.append(leaves)
         self.report()
-        return self.tree.children(leaves)
+        children = self.tree.children(leaves)
+        if self._varied is not None:
+            counts = self.tree.slot_counts(leaves) if way == QUARTERS else np.full(len(leaves), 2)
+            self._varied.inherit(np.repeat(leaves, counts), children)
+        return children
 
     def take_beside_split(self) -> IndexArray:
         """The leaves beside those split since the last call, each once, in ascending order."""

@@ -30,13 +30,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from math import inf
 
 import numpy as np
 
-from ..arrays.chunks import AT_ONCE, chunks
-from ..arrays.types import BoolArray, FloatArray
+from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 
 # The part of its size by which an image is extended on every side; what is outside is off screen.
 MARGIN = 0.1
@@ -46,14 +45,17 @@ LARGEST_PART = 0.01
 
 # The rounding of a transformed coordinate, in parts of the largest product: far more than that of double precision, as
 # matrices may be computed from others.
-ROUNDING = 1e-9
+ROUNDING = 1e-8
+
+# The number of frames looked at together, at least; each number of frames begins with the last one before.
+FEWEST_FRAMES = 8
 
 
 @dataclass(frozen=True)
 class View:
     """One camera at one frame.
 
-    to_camera: (3, 4) float64, from the space of the positions to the camera's, to nine digits: x and y along the
+    to_camera: (3, 4) float64, from the space of the positions to the camera's, to eight digits: x and y along the
     image's width and height, and the depth in front of the camera. focal: in pixels; of an orthographic camera in
     pixels per unit of length. center: the pixel on the camera's axis; size: the width and height of the image, in
     pixels. near: the depth from which the camera sees.
@@ -66,22 +68,9 @@ class View:
     near: float
     is_perspective: bool
 
-    def seen(self, low: FloatArray, high: FloatArray) -> _Seen:
-        """Boxes (3, N) as seen by the camera."""
-        linear, offset = self.to_camera[:, :3], self.to_camera[:, 3:]
-        middle, reach = (low + high) / 2, np.abs(linear) @ (high - low) / 2
-        points = linear @ middle + offset
-        reach += ROUNDING * (np.abs(linear) @ np.abs(middle) + reach + np.abs(offset))
-        center, size = np.array(self.center), np.array(self.size)
-        return _Seen(
-            is_perspective=self.is_perspective,
-            focal=self.focal,
-            near=self.near,
-            stretch=float(np.linalg.norm(linear, 2)) * (1 + ROUNDING),
-            window=np.stack([-MARGIN * size - center, (1 + MARGIN) * size - center]) / self.focal,
-            low=points - reach,
-            high=points + reach,
-        )
+    def moved(self, matrix: FloatArray) -> View:
+        """The view of positions that the matrix (3, 3) moves to those of this view."""
+        return replace(self, to_camera=np.column_stack([self.to_camera[:, :3] @ matrix, self.to_camera[:, 3]]))
 
 
 def most_pixels(view: View) -> float:
@@ -89,74 +78,156 @@ def most_pixels(view: View) -> float:
     return LARGEST_PART * view.focal if view.is_perspective else inf
 
 
-def pixel_lengths(views: Sequence[View], low: FloatArray, high: FloatArray, off_screen: float) -> FloatArray:
-    """(N,): the lengths of a pixel on parts of a surface: the largest distances with which all images are at most a
-    pixel apart; n pixels have n times the length.
+@dataclass(frozen=True)
+class Pixels:
+    """The lengths of a pixel over a surface, in parts of a unit: the largest distances with which all images of it are
+    at most a pixel apart; n pixels have n times the length.
 
-    views: on successive frames, and between each two, at least one. low, high: (3, N), boxes around the parts in the
-    space of the positions. off_screen: the factor, 1 or more, for parts off screen, on the length at the nearest point
-    of the box.
+    views: for each user of the surface its views on successive frames, and between each two, at least one. off_screen:
+    the factor, 1 or more, for what is off screen, on the length at its nearest point.
     """
-    found = np.full(low.shape[1], inf)
-    for some in chunks(len(found), AT_ONCE):
-        seen = (view.seen(low[:, some], high[:, some]) for view in views)
-        for one, other in pairwise(seen) if len(views) > 1 else ((each, each) for each in seen):
-            np.minimum(found[some], one.joined(other).lengths(off_screen), out=found[some])
-            # A camera may change between perspective and orthographic.
-            if one.is_perspective != other.is_perspective:
-                np.minimum(found[some], other.joined(one).lengths(off_screen), out=found[some])
-    return found
+
+    unit: float
+    views: tuple[tuple[View, ...], ...]
+    off_screen: float
+
+    def extremes(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(N,) twice: no more, and no less, than the lengths at all points in boxes (3, N)."""
+        least, greatest = np.full((2, low.shape[1]), inf)
+        for some in chunks(len(least), FEW_AT_ONCE):
+            for views in self.views:
+                frames = max(AT_ONCE // len(least[some]), FEWEST_FRAMES)
+                for first in range(0, max(len(views) - 1, 1), frames):
+                    seen = _Seen.of(views[first : first + frames + 1], low[:, some], high[:, some])
+                    found = seen.over_frames(self.off_screen)
+                    is_less = found[0] < least[some]
+                    least[some][is_less], greatest[some][is_less] = (each[is_less] for each in found)
+        return least / self.unit, greatest / self.unit
+
+    def moved(self, matrix: FloatArray) -> Pixels:
+        """The lengths over a surface that the matrix (3, 3) moves to this one."""
+        return replace(self, views=tuple(tuple(each.moved(matrix) for each in own) for own in self.views))
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """N parts of a surface as a camera sees them. low, high: (3, N), boxes in the camera's space. window: (2, 2), the
-    tangents of the least and greatest places in the image with its margin, x first; of an orthographic camera, lengths.
-    stretch: how many times as long lengths are in the camera's space, at most."""
+    """N parts of a surface as a camera sees them on K frames. low, high: (3, K, N), boxes in the camera's space.
+    inner_low, inner_high: (3, K, N), for parts in several boxes the greatest low ends and the least high ends of these.
+    window: (2, 2, K, 1), the tangents of the least and greatest places in the image with its margin, x first; of an
+    orthographic camera, lengths. (K, 1) each: is_perspective, focal and near, as of ``View``; stretch: how many times
+    as long lengths are in the camera's space, at most."""
 
-    is_perspective: bool
-    focal: float
-    near: float
-    stretch: float
+    is_perspective: BoolArray
+    focal: FloatArray
+    near: FloatArray
+    stretch: FloatArray
     window: FloatArray
     low: FloatArray
     high: FloatArray
+    inner_low: FloatArray
+    inner_high: FloatArray
 
-    def joined(self, other: _Seen) -> _Seen:
-        """The parts anywhere in the boxes of both, seen by a camera between both of its states."""
-        is_alike = self.is_perspective == other.is_perspective
-        ends = np.stack([self.window, other.window if is_alike else self.window])
-        return replace(
-            self,
-            focal=max(self.focal, other.focal) if is_alike else self.focal,
-            near=min(self.near, other.near),
-            stretch=max(self.stretch, other.stretch),
-            window=np.stack([np.minimum(*ends[:, 0]), np.maximum(*ends[:, 1])]),
-            low=np.minimum(self.low, other.low),
-            high=np.maximum(self.high, other.high),
+    @staticmethod
+    def of(views: Sequence[View], low: FloatArray, high: FloatArray) -> _Seen:
+        """Boxes (3, N) as seen on frames."""
+        cameras, focal, centers, sizes = (
+            np.array([getattr(each, name) for each in views]) for name in ("to_camera", "focal", "center", "size")
+        )
+        linear, offsets = cameras[:, :, :3], cameras[:, :, 3:]
+        middle, sides = (low + high) / 2, (high - low) / 2
+        points, reach = linear @ middle + offsets, np.abs(linear) @ sides
+        reach += ROUNDING * (np.abs(linear) @ np.abs(middle) + reach + np.abs(offsets))
+        low, high = ((points + sign * reach).swapaxes(0, 1) for sign in (-1, 1))
+        ends = np.stack([-MARGIN * sizes - centers, (1 + MARGIN) * sizes - centers]) / focal[:, None]
+        return _Seen(
+            is_perspective=np.array([[each.is_perspective] for each in views]),
+            focal=focal[:, None],
+            near=np.array([[each.near] for each in views]),
+            stretch=np.linalg.norm(linear, 2, axis=(1, 2))[:, None] * (1 + ROUNDING),
+            window=ends.swapaxes(1, 2)[..., None],
+            low=low,
+            high=high,
+            inner_low=low,
+            inner_high=high,
         )
 
-    def lengths(self, off_screen: float) -> FloatArray:
-        """(N,): the lengths of a pixel; as of ``pixel_lengths``."""
-        is_outside = self._are_outside()
-        if not self.is_perspective:
-            return np.where(is_outside, off_screen, 1.0) / (self.focal * self.stretch)
-        radii = np.hypot(*np.maximum(-self.low, self.high)[:2])
-        depths = np.maximum(self.low[2], self.near)
-        tangents = (radii / depths + LARGEST_PART) / (1 - LARGEST_PART)
-        tangents[~(self.low[2] >= self.near)] = inf
-        tangents = np.minimum(tangents, np.hypot(*np.maximum(-self.window[0], self.window[1])))
-        distances = np.maximum(np.sqrt((np.maximum(np.maximum(self.low, -self.high), 0) ** 2).sum(axis=0)), self.near)
-        lengths = np.where(is_outside, off_screen * distances, depths / np.hypot(1, tangents))
+    def over_frames(self, off_screen: float) -> tuple[FloatArray, FloatArray]:
+        """(N,) twice: as of ``Pixels.extremes``, as lengths; the greatest ones on the frames with the least ones."""
+        if len(self.focal) == 1:
+            return self._extremes(off_screen)
+        one, other = self._frames(slice(None, -1)), self._frames(slice(1, None))
+        found = one._joined(other)._extremes(off_screen)
+        if np.all(one.is_perspective == other.is_perspective):
+            return found
+        # A camera may change between perspective and orthographic.
+        least, greatest = map(np.minimum, found, other._joined(one)._extremes(off_screen))
+        return least, greatest
+
+    def _frames(self, chosen: slice | IndexArray) -> _Seen:
+        """The parts on some frames; or each part on a frame of its own, (N,)."""
+        if isinstance(chosen, slice):
+            return _Seen(**{name: each[..., chosen, :] for name, each in vars(self).items()})
+        parts = np.arange(len(chosen))
+        return _Seen(
+            **{
+                name: each[..., chosen, parts if each.shape[-1] > 1 else 0][..., None, :]
+                for name, each in vars(self).items()
+            }
+        )
+
+    def _joined(self, other: _Seen) -> _Seen:
+        """The parts anywhere in the boxes of both, seen by a camera between both of its states."""
+        is_alike = self.is_perspective == other.is_perspective
+        windows = self.window, np.where(is_alike, other.window, self.window)
+        return _Seen(
+            is_perspective=self.is_perspective,
+            focal=np.where(is_alike, np.maximum(self.focal, other.focal), self.focal),
+            near=np.minimum(self.near, other.near),
+            stretch=np.maximum(self.stretch, other.stretch),
+            window=np.stack([np.minimum(*windows)[0], np.maximum(*windows)[1]]),
+            low=np.minimum(self.low, other.low),
+            high=np.maximum(self.high, other.high),
+            inner_low=np.maximum(self.low, other.low),
+            inner_high=np.minimum(self.high, other.high),
+        )
+
+    def _extremes(self, off_screen: float) -> tuple[FloatArray, FloatArray]:
+        nearest = np.maximum(np.maximum(self.low, -self.high), 0)
+        are_outside = self._are_outside(self.high, self.low, np.minimum, np.maximum)
+        least = self._lengths(self.low[2], np.maximum(-self.low, self.high), nearest, are_outside, off_screen)
+        own = self._frames(least.argmin(axis=0))
+        return least.min(axis=0), own._greatest(off_screen)[0]
+
+    def _greatest(self, off_screen: float) -> FloatArray:
+        nearest = np.maximum(np.maximum(self.inner_low, -self.inner_high), 0)
+        may_be_outside = self._are_outside(self.inner_low, self.inner_high, np.maximum, np.minimum)
+        farthest = np.maximum(-self.low, self.high)
+        return self._lengths(self.inner_high[2], nearest, farthest, may_be_outside, off_screen)
+
+    def _lengths(
+        self, depths: FloatArray, asides: FloatArray, ways: FloatArray, are_outside: BoolArray, off_screen: float
+    ) -> FloatArray:
+        """(K, N): the lengths for depths (K, N), for places beside the axis, and for ways from the camera to what is
+        off screen, (3, K, N) each."""
+        depths, is_before = np.maximum(depths, self.near), depths >= self.near
+        tangents = (np.hypot(*asides[:2]) / depths + LARGEST_PART) / (1 - LARGEST_PART)
+        corners = np.hypot(*np.maximum(-self.window[0], self.window[1]))
+        tangents = np.where(is_before, np.minimum(tangents, corners), corners)
+        distances = np.maximum(np.sqrt((ways**2).sum(axis=0)), self.near)
+        if not np.all(self.is_perspective):
+            depths, distances = (np.where(self.is_perspective, each, 1.0) for each in (depths, distances))
+            tangents = np.where(self.is_perspective, tangents, 0.0)
+        lengths = np.where(are_outside, off_screen * distances, depths / np.hypot(1, tangents))
         found: FloatArray = lengths / (self.focal * self.stretch)
         return found
 
-    def _are_outside(self) -> BoolArray:
-        """(N,) bool: whether all of a part is beyond the same edge of the image, or nearer than the image begins."""
-        found: BoolArray = self.high[2] < self.near
-        scales = (self.low[2], self.high[2]) if self.is_perspective else (1.0, 1.0)
+    def _are_outside(self, high: FloatArray, low: FloatArray, lesser: np.ufunc, greater: np.ufunc) -> BoolArray:
+        """(K, N) bool: whether all of a part is beyond the same edge of the image, or nearer than the image begins.
+        With the other ends and functions, whether some of it may be."""
+        found: BoolArray = high[2] < self.near
+        scales = [np.where(self.is_perspective, ends[2], 1.0) for ends in (self.low, self.high)]
         for axis in range(2):
             least, greatest = self.window[:, axis]
-            found |= self.high[axis] < np.minimum(*(least * each for each in scales))
-            found |= self.low[axis] > np.maximum(*(greatest * each for each in scales))
+            found |= high[axis] < lesser(*(least * each for each in scales))
+            found |= low[axis] > greater(*(greatest * each for each in scales))
         return found
