@@ -12,14 +12,10 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import LaterBounds, later_bounds
 from ..bounds.norm_bounds import PatchBounds, Vertices, second_order_regular
 from ..distance.foot_bounds import twists
-from ..surface.bicubic import FIRST_DIFFERENCE, apply, largest_norm, tensor
+from ..surface.bicubic import FIRST_DIFFERENCE, apply, both_ways, largest_norm, tensor
 from ..surface.patches import ring_index
 from ..surface.stencils import apply_stencils, child_at_vertex, patch_stencils, regular_children, valence_of
 from .tolerance import ToleranceTest
-
-# (P,) base faces, and (4, 4, P, 3) a net or the Bernstein coefficients of S - L for each.
-BasePatches = tuple[IndexArray, FloatArray]
-
 
 # (9, 16): the mixed differences of a net. Those of points j levels later are averages of these, times 4⁻ʲ.
 TWISTS = tensor(FIRST_DIFFERENCE, FIRST_DIFFERENCE)
@@ -29,17 +25,17 @@ TWISTS = tensor(FIRST_DIFFERENCE, FIRST_DIFFERENCE)
 SMALL_TWIST = 1 / 16
 
 
-def joined_pieces(pieces: list[BasePatches]) -> BasePatches:
-    bases, values = zip(*pieces, strict=True)
-    return np.concatenate(bases), np.concatenate(values, axis=2)
+@dataclass(frozen=True)
+class BasePatches(Table, values=2):
+    """P parts of base faces. bases: (P,) intp; values: (4, 4, P, 3), a net or the Bernstein coefficients of S - L of
+    each."""
 
+    bases: IndexArray
+    values: FloatArray
 
-def selected_pieces(bases: IndexArray, values: FloatArray, chosen: BoolArray) -> BasePatches:
-    """The chosen pieces: (P,) bool."""
-    if np.all(chosen):
-        return bases, values
-    kept = np.flatnonzero(chosen)
-    return bases[kept], values.take(kept, axis=2)
+    def quarters(self, halves: tuple[FloatArray, FloatArray]) -> BasePatches:
+        """The parts halved both ways."""
+        return BasePatches(np.tile(self.bases, 4), both_ways(halves, self.values))
 
 
 @dataclass
@@ -61,8 +57,8 @@ class RegularPatches:
     @staticmethod
     def joined(level: int, pieces: list[BasePatches]) -> RegularPatches:
         """The patches of several pieces together."""
-        bases, nets = pieces[0] if len(pieces) == 1 else joined_pieces(pieces)
-        return RegularPatches(level, bases, np.arange(len(bases)), nets)
+        whole = pieces[0].joined(pieces[1:])
+        return RegularPatches(level, whole.bases, np.arange(len(whole.bases)), whole.values)
 
     def of(self, wanted: BoolArray) -> RegularPatches:
         """The patches of chosen base faces: (B,) bool."""
@@ -122,7 +118,7 @@ class ExtraordinaryPatches(Table, nets=1):
             return apply_stencils(patch_stencils(valence_of(self.nets)).limits, self.nets)
         return self.nets[[0, *(ring_index(valence_of(self.nets), number) for number in (6, 5, 4))]]
 
-    def refined(self) -> tuple[ExtraordinaryPatches, IndexArray, FloatArray]:
-        """The children at the extraordinary vertices; the bases (3P,) and nets (4, 4, 3P, 3) of the regular ones."""
+    def refined(self) -> tuple[ExtraordinaryPatches, BasePatches]:
+        """The children at the extraordinary vertices; and the nets of the regular ones."""
         refined = ExtraordinaryPatches(self.bases, child_at_vertex(self.nets))
-        return refined, np.tile(self.bases, 3), regular_children(self.nets)
+        return refined, BasePatches(np.tile(self.bases, 3), regular_children(self.nets))
