@@ -12,7 +12,8 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import LaterBounds, later_bounds
 from ..bounds.norm_bounds import PatchBounds, Vertices, second_order_regular
 from ..distance.foot_bounds import twists
-from ..surface.bicubic import FIRST_DIFFERENCE, apply, both_ways, largest_norm, tensor
+from ..surface.bicubic import FIRST_DIFFERENCE, apply, largest_norm, tensor
+from ..surface.parts import Parts
 from ..surface.patches import ring_index
 from ..surface.stencils import apply_stencils, child_at_vertex, patch_stencils, regular_children, valence_of
 from .tolerance import ToleranceTest
@@ -23,19 +24,6 @@ TWISTS = tensor(FIRST_DIFFERENCE, FIRST_DIFFERENCE)
 
 # The part of the tolerance up to which twists need no better bound.
 SMALL_TWIST = 1 / 16
-
-
-@dataclass(frozen=True)
-class BasePatches(Table, values=2):
-    """P parts of base faces. bases: (P,) intp; values: (4, 4, P, 3), a net or the Bernstein coefficients of S - L of
-    each."""
-
-    bases: IndexArray
-    values: FloatArray
-
-    def quarters(self, halves: tuple[FloatArray, FloatArray]) -> BasePatches:
-        """The parts halved both ways."""
-        return BasePatches(np.tile(self.bases, 4), both_ways(halves, self.values))
 
 
 @dataclass
@@ -55,10 +43,10 @@ class RegularPatches:
     twist: FloatArray | None = None
 
     @staticmethod
-    def joined(level: int, pieces: list[BasePatches]) -> RegularPatches:
+    def joined(level: int, pieces: list[Parts]) -> RegularPatches:
         """The patches of several pieces together."""
         whole = pieces[0].joined(pieces[1:])
-        return RegularPatches(level, whole.bases, np.arange(len(whole.bases)), whole.values)
+        return RegularPatches(level, whole.faces, np.arange(len(whole.faces)), whole.values)
 
     def of(self, wanted: BoolArray) -> RegularPatches:
         """The patches of chosen base faces: (B,) bool."""
@@ -118,7 +106,7 @@ class ExtraordinaryPatches(Table, nets=1):
             return apply_stencils(patch_stencils(valence_of(self.nets)).limits, self.nets)
         return self.nets[[0, *(ring_index(valence_of(self.nets), number) for number in (6, 5, 4))]]
 
-    def refined(self) -> tuple[ExtraordinaryPatches, BasePatches]:
+    def refined(self) -> tuple[ExtraordinaryPatches, Parts]:
         """The children at the extraordinary vertices; and the nets of the regular ones."""
         refined = ExtraordinaryPatches(self.bases, child_at_vertex(self.nets))
-        return refined, BasePatches(np.tile(self.bases, 3), regular_children(self.nets))
+        return refined, Parts(np.tile(self.bases, 3), regular_children(self.nets))

@@ -40,11 +40,11 @@ from ..bounds.polygon_bounds import polygon_thickness
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, largest_norm, patch_coefficients
+from ..surface.parts import Parts
 from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
 from ..surface.stencils import by_valence
 from .base_patches import (
-    BasePatches,
     ExtraordinaryPatches,
     RegularPatches,
 )
@@ -137,7 +137,7 @@ def _searches(
     """Functions that start the search of a chunk of the faces each."""
 
     def begin_regular(some: IndexArray) -> _CertifiedSearch:
-        nets = [BasePatches(np.arange(len(some)), regular_nets(mesh, some))]
+        nets = [Parts(np.arange(len(some)), regular_nets(mesh, some))]
         return _CertifiedSearch(test, vertices, as_drawn, some, nets, None)
 
     def begin_other(part: PolygonMesh, own: IndexArray, some: IndexArray) -> _CertifiedSearch:
@@ -165,7 +165,7 @@ class _CertifiedSearch:
     vertices: Vertices
     as_drawn: bool
     faces: IndexArray
-    new_patches: list[BasePatches]
+    new_patches: list[Parts]
     refinement: Refinement | None
     patches: list[RegularPatches] = field(default_factory=list)
     extraordinary: list[ExtraordinaryPatches] = field(default_factory=list)
@@ -282,7 +282,7 @@ class _CertifiedSearch:
         if self.refinement is not None and len(self.refinement.bases):
             mesh, bases = self.refinement.mesh, self.refinement.bases
             regular, extraordinary, rest = by_valence(mesh, np.arange(len(bases)), classify_patches(mesh))
-            self.new_patches.append(BasePatches(bases[regular], regular_nets(mesh, regular)))
+            self.new_patches.append(Parts(bases[regular], regular_nets(mesh, regular)))
             for valence, faces, corners in extraordinary:
                 nets = extraordinary_nets(mesh, corners, valence)
                 self.extraordinary.append(ExtraordinaryPatches(bases[faces], nets))
@@ -341,17 +341,17 @@ class _CertifiedSearch:
         """Evaluate regular patches for the facets a number of levels after their own, with the cheapest bounds
         first."""
         undecided = np.flatnonzero(decision.update(patches.bases, *self._first_bounds(patches, levels)))
-        left = BasePatches(patches.bases[undecided], patches.nets_of(undecided))
+        left = Parts(patches.bases[undecided], patches.nets_of(undecided))
         splits = 0 if self.as_drawn else NET_SPLITS
         for remaining in range(levels, max(levels - splits, 0) - 1, -1):
-            if not len(left.bases):
+            if not len(left.faces):
                 return
-            left = left.at(decision.update(left.bases, *self._closer_bounds(left.values, remaining)))
+            left = left.at(decision.update(left.faces, *self._closer_bounds(left.values, remaining)))
             if remaining == 0:
-                decision.open_differences.append(BasePatches(left.bases, facet_error(left.values, self.vertices)))
+                decision.open_differences.append(Parts(left.faces, facet_error(left.values, self.vertices)))
                 return
             left = left.quarters(SPLINE_HALVES)
-        decision.give_up(left.bases)
+        decision.give_up(left.faces)
 
     def _has_later_bounds(self, levels: int) -> bool:
         """Whether to use ``later_bounds``: a control facet of the patch's own level has better bounds."""
@@ -416,7 +416,7 @@ class _CertifiedSearch:
             of_children = _facets_of_quads(facets.take(undecided, axis=1))
             facets = of_children[:, 0]
             off = patch_coefficients(regular.values) - bilinear_coefficients(of_children[:, 1:].reshape(4, -1, 3))
-            decision.open_differences.append(BasePatches(regular.bases, off))
+            decision.open_differences.append(Parts(regular.faces, off))
         decision.give_up(patches.bases)
 
     def _evaluate_refinement(self, decision: LevelDecision) -> None:
@@ -457,29 +457,29 @@ class _CertifiedSearch:
         regular, extraordinary, rest = by_valence(mesh, np.arange(len(bases)), classify_patches(mesh))
         differences = patch_coefficients(regular_nets(mesh, regular))
         differences -= bilinear_coefficients(facets.take(regular, axis=1))
-        decision.open_differences.append(BasePatches(bases[regular], differences))
+        decision.open_differences.append(Parts(bases[regular], differences))
         for valence, faces, corners in extraordinary:
             patches = ExtraordinaryPatches(bases[faces], extraordinary_nets(mesh, corners, valence))
             # From the extraordinary corner on, as in the nets.
             self._evaluate_extraordinary(decision, patches, facets[(corners + np.arange(4)[:, None]) % 4, faces])
         return refinement.keep(rest), facets.compress(rest, axis=1).swapaxes(0, 1).reshape(-1, 3)
 
-    def _evaluate_differences(self, decision: LevelDecision, differences: BasePatches, splits: int) -> None:
+    def _evaluate_differences(self, decision: LevelDecision, differences: Parts, splits: int) -> None:
         """Evaluate differences S - L in Bernstein form, splitting them while undecided, up to a number of times."""
-        left = differences.at(decision.wanted[differences.bases])
-        if not len(left.bases):
+        left = differences.at(decision.wanted[differences.faces])
+        if not len(left.faces):
             return
         rows = left.values.reshape(16, -1, 3)
-        left = left.at(decision.update(left.bases, largest_norm(rows), largest_norm(rows[CORNER_ROWS])))
-        counts = np.bincount(left.bases, minlength=len(decision.wanted))
+        left = left.at(decision.update(left.faces, largest_norm(rows), largest_norm(rows[CORNER_ROWS])))
+        counts = np.bincount(left.faces, minlength=len(decision.wanted))
         # Where the distance equals the tolerance along a line, each split leaves more undecided pieces, without end.
         undecidable = counts > (MOST_PIECES_OF_A_FACE if splits else 0)
         if np.any(undecidable):
             decision.give_up(np.flatnonzero(undecidable))
-            left = left.at(~undecidable[left.bases])
+            left = left.at(~undecidable[left.faces])
             counts[undecidable] = 0
         for some in _groups(counts, MOST_PIECES):
-            self._evaluate_differences(decision, left.at(some[left.bases]).quarters(HALVES), splits - 1)
+            self._evaluate_differences(decision, left.at(some[left.faces]).quarters(HALVES), splits - 1)
 
 
 def _undecided(decision: LevelDecision, bases: IndexArray, upper: FloatArray) -> IndexArray:
