@@ -132,7 +132,7 @@ def _pieces(
         plan.has_narrow.values[leaves[tiles.leaves[narrow]]] = True
         narrow |= sizes.max(axis=0) < REST_OF_LIMIT * plan.limits.values[leaves[tiles.leaves]]
         for is_narrow in (False, True):
-            some = tiles.at(np.flatnonzero(narrow == is_narrow))
+            some = tiles.at(narrow == is_narrow)
             if len(some.leaves):
                 for _, pieces, form in pieces_of_tiles(corners, some, triangles.firsts[some.leaves] + some.firsts):
                     found[id(form), len(pieces.hulls), is_narrow].append((pieces, form))

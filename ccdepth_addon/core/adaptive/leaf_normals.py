@@ -75,7 +75,7 @@ def _normals_inside(plan: Plan, leaves: IndexArray, steps: FloatArray, wanted: B
     """(2, S, 3): the normals at steps (S,) inwards from the wanted places of leaves, (2, S) bool; zero elsewhere."""
     found = np.zeros((*wanted.shape, 3))
     for own, some, points in zip(found, wanted, plan.tree.slot_points(leaves, steps), strict=True):
-        own[some] = limit_normals(plan.tree.mesh, points.at(np.flatnonzero(some)))
+        own[some] = limit_normals(plan.tree.mesh, points.at(some))
     return found
 
 

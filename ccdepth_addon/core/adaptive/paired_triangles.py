@@ -155,7 +155,7 @@ class MeasuredAngles:
                 np.maximum.at(each, own[~is_open], values[~is_open])
             if not is_open.any():
                 return
-            pieces = pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
+            pieces = pieces.at(is_open).divided(form.quarters)
 
     def _interpolated(self, pieces: Pieces) -> FloatArray:
         """(I, J, 3, P): the grid of interpolated normals."""

@@ -253,7 +253,7 @@ def pieces_of_tiles(
     tiles, squares = drawn.tiles, drawn.tiles.squares
     over = TilesOverTriangles.of(drawn.keys, squares)
     yield from pieces_by_corners(corners, tiles, over, firsts)
-    cut = over.at(np.flatnonzero(over.shares == SOME if tiles.are_bicubic else over.shares != ALL))
+    cut = over.at(over.shares == SOME if tiles.are_bicubic else over.shares != ALL)
     columns = (drawn.keys, squares.origins, squares.axes.reshape(-1, 4))
     for group, alike in grouped(cut.triangles, *(each[cut.tiles] for each in columns)):
         triangle, key, *place = group.tolist()
@@ -268,7 +268,7 @@ def pieces_by_corners(
     """The pieces that are a whole tile, or half of a bicubic tile, with the tile of each and their form. corners:
     (M, 3, 3), of triangles; firsts: (P,), the first triangle of each tile's leaf."""
     for share in range(-1, 4) if tiles.are_bicubic else [ALL]:
-        some = over.at(np.flatnonzero(over.shares == share))
+        some = over.at(over.shares == share)
         if not len(some.tiles):
             continue
         triangles = firsts[some.tiles] + some.triangles

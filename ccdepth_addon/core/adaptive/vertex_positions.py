@@ -51,5 +51,5 @@ class VertexPositions:
         positions, points = np.empty((len(vertices), 3)), self._tree.vertex_points(vertices)
         is_loose = points.corners == NONE
         positions[is_loose] = control_positions[vertices[is_loose]]
-        positions[~is_loose] = limit_values(mesh, control_positions, points.at(np.flatnonzero(~is_loose)))
+        positions[~is_loose] = limit_values(mesh, control_positions, points.at(~is_loose))
         return positions

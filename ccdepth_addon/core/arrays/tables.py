@@ -29,12 +29,16 @@ class Table:
         cls._axis, cls._axes = axis, axes
 
     def at(self, chosen: NDArray[Any]) -> Self:
-        """Chosen things, by index or (N,) bool."""
+        """Chosen things, by index or (N,) bool; the table itself if all are true."""
+        if chosen.dtype == bool and chosen.all():
+            return self
         indices = np.flatnonzero(chosen) if chosen.dtype == bool else chosen
         return replace(self, **{name: _selected(getattr(self, name), indices, axis) for name, axis in self._columns()})
 
     def joined(self, others: list[Self]) -> Self:
-        """These things and then those of others."""
+        """These things and then those of others; the table itself without others."""
+        if not others:
+            return self
         parts = {name: [getattr(each, name) for each in (self, *others)] for name, _ in self._columns()}
         return replace(self, **{name: _joined(parts[name], axis) for name, axis in self._columns()})
 

@@ -43,7 +43,7 @@ def at_corners(subdivided: SubdividedMesh, evaluate: Evaluate) -> NDArray[np.flo
     values = np.empty((len(corner_inside), border_values.shape[1]), dtype=np.float32)
     values[on_border] = border_values
     if len(on_border) < len(values):
-        inner_values = evaluate(subdivided.vertex_points.at(np.flatnonzero(inside))).astype(np.float32)
+        inner_values = evaluate(subdivided.vertex_points.at(inside)).astype(np.float32)
         rows = np.cumsum(inside) - 1
         corners = np.flatnonzero(corner_inside)
         values[corners] = inner_values[rows[subdivided.corner_vertices[corners]]]
@@ -55,7 +55,7 @@ def at_vertices(subdivided: SubdividedMesh, values: NDArray[Any], evaluate: Eval
 
     values: (control vertices, D). kept: (control vertices,) bool, True at all loose vertices.
     """
-    found = evaluate(subdivided.vertex_points.at(np.flatnonzero(~kept)))
+    found = evaluate(subdivided.vertex_points.at(~kept))
     result = np.empty((len(kept), values.shape[1]), dtype=found.dtype)
     result[~kept] = found
     result[kept] = values[subdivided.base_vertices[kept]]

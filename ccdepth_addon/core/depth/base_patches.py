@@ -13,13 +13,10 @@ from ..bounds.facet_bounds import LaterBounds, later_bounds
 from ..bounds.norm_bounds import PatchBounds, Vertices, second_order_regular
 from ..distance.foot_bounds import twists
 from ..surface.bicubic import FIRST_DIFFERENCE, apply, largest_norm, tensor
+from ..surface.parts import Parts
 from ..surface.patches import ring_index
 from ..surface.stencils import apply_stencils, child_at_vertex, patch_stencils, regular_children, valence_of
 from .tolerance import ToleranceTest
-
-# (P,) base faces, and (4, 4, P, 3) a net or the Bernstein coefficients of S - L for each.
-BasePatches = tuple[IndexArray, FloatArray]
-
 
 # (9, 16): the mixed differences of a net. Those of points j levels later are averages of these, times 4⁻ʲ.
 TWISTS = tensor(FIRST_DIFFERENCE, FIRST_DIFFERENCE)
@@ -27,19 +24,6 @@ TWISTS = tensor(FIRST_DIFFERENCE, FIRST_DIFFERENCE)
 
 # The part of the tolerance up to which twists need no better bound.
 SMALL_TWIST = 1 / 16
-
-
-def joined_pieces(pieces: list[BasePatches]) -> BasePatches:
-    bases, values = zip(*pieces, strict=True)
-    return np.concatenate(bases), np.concatenate(values, axis=2)
-
-
-def selected_pieces(bases: IndexArray, values: FloatArray, chosen: BoolArray) -> BasePatches:
-    """The chosen pieces: (P,) bool."""
-    if np.all(chosen):
-        return bases, values
-    kept = np.flatnonzero(chosen)
-    return bases[kept], values.take(kept, axis=2)
 
 
 @dataclass
@@ -59,10 +43,10 @@ class RegularPatches:
     twist: FloatArray | None = None
 
     @staticmethod
-    def joined(level: int, pieces: list[BasePatches]) -> RegularPatches:
+    def joined(level: int, pieces: list[Parts]) -> RegularPatches:
         """The patches of several pieces together."""
-        bases, nets = pieces[0] if len(pieces) == 1 else joined_pieces(pieces)
-        return RegularPatches(level, bases, np.arange(len(bases)), nets)
+        whole = pieces[0].joined(pieces[1:])
+        return RegularPatches(level, whole.faces, np.arange(len(whole.faces)), whole.values)
 
     def of(self, wanted: BoolArray) -> RegularPatches:
         """The patches of chosen base faces: (B,) bool."""
@@ -122,7 +106,7 @@ class ExtraordinaryPatches(Table, nets=1):
             return apply_stencils(patch_stencils(valence_of(self.nets)).limits, self.nets)
         return self.nets[[0, *(ring_index(valence_of(self.nets), number) for number in (6, 5, 4))]]
 
-    def refined(self) -> tuple[ExtraordinaryPatches, IndexArray, FloatArray]:
-        """The children at the extraordinary vertices; the bases (3P,) and nets (4, 4, 3P, 3) of the regular ones."""
+    def refined(self) -> tuple[ExtraordinaryPatches, Parts]:
+        """The children at the extraordinary vertices; and the nets of the regular ones."""
         refined = ExtraordinaryPatches(self.bases, child_at_vertex(self.nets))
-        return refined, np.tile(self.bases, 3), regular_children(self.nets)
+        return refined, Parts(np.tile(self.bases, 3), regular_children(self.nets))

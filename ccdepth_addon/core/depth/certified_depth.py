@@ -39,16 +39,14 @@ from ..bounds.norm_bounds import (
 from ..bounds.polygon_bounds import polygon_thickness
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
-from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
+from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, largest_norm, patch_coefficients
+from ..surface.parts import Parts
 from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
 from ..surface.stencils import by_valence
 from .base_patches import (
-    BasePatches,
     ExtraordinaryPatches,
     RegularPatches,
-    joined_pieces,
-    selected_pieces,
 )
 from .level_decision import LevelDecision
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
@@ -139,7 +137,7 @@ def _searches(
     """Functions that start the search of a chunk of the faces each."""
 
     def begin_regular(some: IndexArray) -> _CertifiedSearch:
-        nets = [(np.arange(len(some)), regular_nets(mesh, some))]
+        nets = [Parts(np.arange(len(some)), regular_nets(mesh, some))]
         return _CertifiedSearch(test, vertices, as_drawn, some, nets, None)
 
     def begin_other(part: PolygonMesh, own: IndexArray, some: IndexArray) -> _CertifiedSearch:
@@ -167,7 +165,7 @@ class _CertifiedSearch:
     vertices: Vertices
     as_drawn: bool
     faces: IndexArray
-    new_patches: list[BasePatches]
+    new_patches: list[Parts]
     refinement: Refinement | None
     patches: list[RegularPatches] = field(default_factory=list)
     extraordinary: list[ExtraordinaryPatches] = field(default_factory=list)
@@ -233,7 +231,8 @@ class _CertifiedSearch:
         self._evaluate_refinement(decision)
         if decision.open_differences:
             splits = DRAWN_SPLITS[self.refinement is not None] if self.as_drawn else DIFFERENCE_SPLITS
-            self._evaluate_differences(decision, *joined_pieces(decision.open_differences), splits)
+            first, *others = decision.open_differences
+            self._evaluate_differences(decision, first.joined(others), splits)
         settled = decision.wanted & np.isfinite(decision.upper)
         for regular in evaluated:
             # Without bounds by the norm alone, the bounds from the nets are recorded already.
@@ -272,9 +271,9 @@ class _CertifiedSearch:
         kept = (patches.at(wanted[patches.bases]) for patches in self.extraordinary)
         self.extraordinary = []
         for patches in kept:
-            refined, bases, nets = patches.refined()
+            refined, regular = patches.refined()
             self.extraordinary.append(refined)
-            self.new_patches.append((bases, nets))
+            self.new_patches.append(regular)
         if self.refinement is not None:
             self.refinement = self.refinement.of(wanted).refined()
 
@@ -283,7 +282,7 @@ class _CertifiedSearch:
         if self.refinement is not None and len(self.refinement.bases):
             mesh, bases = self.refinement.mesh, self.refinement.bases
             regular, extraordinary, rest = by_valence(mesh, np.arange(len(bases)), classify_patches(mesh))
-            self.new_patches.append((bases[regular], regular_nets(mesh, regular)))
+            self.new_patches.append(Parts(bases[regular], regular_nets(mesh, regular)))
             for valence, faces, corners in extraordinary:
                 nets = extraordinary_nets(mesh, corners, valence)
                 self.extraordinary.append(ExtraordinaryPatches(bases[faces], nets))
@@ -342,18 +341,17 @@ class _CertifiedSearch:
         """Evaluate regular patches for the facets a number of levels after their own, with the cheapest bounds
         first."""
         undecided = np.flatnonzero(decision.update(patches.bases, *self._first_bounds(patches, levels)))
-        bases, nets = patches.bases[undecided], patches.nets_of(undecided)
+        left = Parts(patches.bases[undecided], patches.nets_of(undecided))
         splits = 0 if self.as_drawn else NET_SPLITS
         for remaining in range(levels, max(levels - splits, 0) - 1, -1):
-            if not len(bases):
+            if not len(left.faces):
                 return
-            undecided = np.flatnonzero(decision.update(bases, *self._closer_bounds(nets, remaining)))
-            bases, nets = bases[undecided], nets.take(undecided, axis=2)
+            left = left.at(decision.update(left.faces, *self._closer_bounds(left.values, remaining)))
             if remaining == 0:
-                decision.open_differences.append((bases, facet_error(nets, self.vertices)))
+                decision.open_differences.append(Parts(left.faces, facet_error(left.values, self.vertices)))
                 return
-            bases, nets = np.tile(bases, 4), both_ways(SPLINE_HALVES, nets)
-        decision.give_up(bases)
+            left = left.quarters(SPLINE_HALVES)
+        decision.give_up(left.faces)
 
     def _has_later_bounds(self, levels: int) -> bool:
         """Whether to use ``later_bounds``: a control facet of the patch's own level has better bounds."""
@@ -414,11 +412,11 @@ class _CertifiedSearch:
             undecided = np.flatnonzero(decision.update(patches.bases, gaps + last, gaps))
             if not len(undecided):
                 return
-            patches, bases, nets = patches.at(undecided).refined()
+            patches, regular = patches.at(undecided).refined()
             of_children = _facets_of_quads(facets.take(undecided, axis=1))
             facets = of_children[:, 0]
-            regular_facets = of_children[:, 1:].reshape(4, -1, 3)
-            decision.open_differences.append((bases, patch_coefficients(nets) - bilinear_coefficients(regular_facets)))
+            off = patch_coefficients(regular.values) - bilinear_coefficients(of_children[:, 1:].reshape(4, -1, 3))
+            decision.open_differences.append(Parts(regular.faces, off))
         decision.give_up(patches.bases)
 
     def _evaluate_refinement(self, decision: LevelDecision) -> None:
@@ -459,34 +457,29 @@ class _CertifiedSearch:
         regular, extraordinary, rest = by_valence(mesh, np.arange(len(bases)), classify_patches(mesh))
         differences = patch_coefficients(regular_nets(mesh, regular))
         differences -= bilinear_coefficients(facets.take(regular, axis=1))
-        decision.open_differences.append((bases[regular], differences))
+        decision.open_differences.append(Parts(bases[regular], differences))
         for valence, faces, corners in extraordinary:
             patches = ExtraordinaryPatches(bases[faces], extraordinary_nets(mesh, corners, valence))
             # From the extraordinary corner on, as in the nets.
             self._evaluate_extraordinary(decision, patches, facets[(corners + np.arange(4)[:, None]) % 4, faces])
         return refinement.keep(rest), facets.compress(rest, axis=1).swapaxes(0, 1).reshape(-1, 3)
 
-    def _evaluate_differences(
-        self, decision: LevelDecision, bases: IndexArray, values: FloatArray, splits: int
-    ) -> None:
+    def _evaluate_differences(self, decision: LevelDecision, differences: Parts, splits: int) -> None:
         """Evaluate differences S - L in Bernstein form, splitting them while undecided, up to a number of times."""
-        bases, values = selected_pieces(bases, values, decision.wanted[bases])
-        if not len(bases):
+        left = differences.at(decision.wanted[differences.faces])
+        if not len(left.faces):
             return
-        rows = values.reshape(16, -1, 3)
-        bases, values = selected_pieces(
-            bases, values, decision.update(bases, largest_norm(rows), largest_norm(rows[CORNER_ROWS]))
-        )
-        counts = np.bincount(bases, minlength=len(decision.wanted))
+        rows = left.values.reshape(16, -1, 3)
+        left = left.at(decision.update(left.faces, largest_norm(rows), largest_norm(rows[CORNER_ROWS])))
+        counts = np.bincount(left.faces, minlength=len(decision.wanted))
         # Where the distance equals the tolerance along a line, each split leaves more undecided pieces, without end.
         undecidable = counts > (MOST_PIECES_OF_A_FACE if splits else 0)
         if np.any(undecidable):
             decision.give_up(np.flatnonzero(undecidable))
-            bases, values = selected_pieces(bases, values, ~undecidable[bases])
+            left = left.at(~undecidable[left.faces])
             counts[undecidable] = 0
         for some in _groups(counts, MOST_PIECES):
-            chosen, parts = selected_pieces(bases, values, some[bases])
-            self._evaluate_differences(decision, np.tile(chosen, 4), both_ways(HALVES, parts), splits - 1)
+            self._evaluate_differences(decision, left.at(some[left.faces]).quarters(HALVES), splits - 1)
 
 
 def _undecided(decision: LevelDecision, bases: IndexArray, upper: FloatArray) -> IndexArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from .base_patches import BasePatches
+from ..surface.parts import Parts
 from .tolerance import ToleranceTest
 
 
@@ -24,7 +24,7 @@ class LevelDecision:
     upper: FloatArray
     lower: FloatArray
     off: FloatArray
-    open_differences: list[BasePatches] = field(default_factory=list)
+    open_differences: list[Parts] = field(default_factory=list)
 
     @staticmethod
     def of(test: ToleranceTest, wanted: BoolArray) -> LevelDecision:

@@ -145,7 +145,7 @@ def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, m
         factors=seen.factors[owners],
     )
     under = Under(owners, which, meets, views)
-    return under.at(~is_apart) if is_apart.any() else under
+    return under.at(~is_apart)
 
 
 def _are_odd(owners: IndexArray, inside: FloatArray, count: int, margin: float) -> BoolArray:

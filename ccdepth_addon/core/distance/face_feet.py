@@ -18,7 +18,8 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
 from ..mesh.level_quads import may_be_folded
 from ..mesh.polygon_mesh import PolygonMesh
-from ..surface.bicubic import NET_CORNERS, SPLINE_HALVES, both_ways
+from ..surface.bicubic import NET_CORNERS, SPLINE_HALVES
+from ..surface.parts import Parts
 from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ..surface.stencils import by_valence, regular_children
 from .foot_bounds import LARGEST_TILT, ROUNDING, FootBounds, Frame, equal_bounds, foot_bounds
@@ -176,47 +177,43 @@ class FaceFeet:
     def _divided(self, faces: IndexArray, level: int, shown: Vertices, limit: float) -> FoundByFeet:
         """The bounds of faces, part by part down to the leaves, until all parts of each face are within the limit or
         one can't be."""
-        places = self.places[faces]
-        nets, which = _nets(self.mesh, faces), np.arange(len(faces))
-        found, on_leaves = np.zeros((2, len(faces)))
-        is_beyond = np.zeros(len(faces), dtype=bool)
-        first = 0
+        places, found = self.places[faces], _DividedFaces.none(len(faces), limit)
+        parts, first = Parts(np.arange(len(faces)), _nets(self.mesh, faces)), 0
         if shown is self.vertices and level:
             # Whole faces have bounds already.
-            is_beyond = likely_at_parts(nets, level, shown, self.is_turned[places]) > limit
-            nets, which = both_ways(SPLINE_HALVES, nets[:, :, ~is_beyond]), np.tile(which[~is_beyond], 4)
-            first = 1
-        lasting = np.ones(len(faces), dtype=bool)
+            found.is_beyond[:] = likely_at_parts(parts.values, level, shown, self.is_turned[places]) > limit
+            parts, first = parts.at(~found.is_beyond).quarters(SPLINE_HALVES), 1
         for split in range(first, level + 1):
-            if not len(which):
-                break
-            constants = self.whole.curvature[places[which]], self.whole.speed[places[which]]
-            own = foot_bounds(nets, shown, self.is_turned[places[which]])
-            bounds, short = own.at_level(level - split, *constants), own.at_level(level - split, *constants, 0.5**level)
-            is_beyond[which[own.middle * 0.25 ** (level - split) > limit]] = True
-            is_left = short > limit
-            if split >= NET_SPLITS:
-                # The error along the surface does not shrink.
-                is_left &= np.isfinite(short) & (constants[0] * (own.reach * 0.25 ** (level - split)) ** 2 < limit)
-                found[which[~is_left & (bounds > limit)]] = np.inf
-            np.maximum.at(found, which[~is_left], bounds[~is_left])
-            np.maximum.at(on_leaves, which[~is_left], short[~is_left])
-            is_left &= ~is_beyond[which] & np.isfinite(found[which])
-            nets, which = nets[:, :, is_left], which[is_left]
+            if len(parts.faces):
+                parts = self._undecided(found, parts, places, level, split, shown)
             if split < level:
-                nets, which = both_ways(SPLINE_HALVES, nets), np.tile(which, 4)
-        lasting[which] = False
-        for some in index_chunks(np.arange(len(which)), FEW_AT_ONCE):
-            some = some[~is_beyond[which[some]]]
-            if not len(some):
-                continue
-            bounds, short, reached = self._of_leaves(nets[:, :, some], places[which[some]], level, shown)
-            is_beyond[which[some[reached > limit]]] = True
-            np.maximum.at(found, which[some], bounds)
-            np.maximum.at(on_leaves, which[some], short)
-        found[is_beyond] = on_leaves[is_beyond] = np.inf
-        are_short = on_leaves <= limit
-        return FoundByFeet(faces, found, are_short, lasting & are_short, (found > limit) & ~is_beyond)
+                parts = parts.quarters(SPLINE_HALVES)
+        lasting = ~mask(len(faces), parts.faces)
+        for some in index_chunks(np.arange(len(parts.faces)), FEW_AT_ONCE):
+            leaves = parts.at(some[~found.is_beyond[parts.faces[some]]])
+            if len(leaves.faces):
+                bounds, short, reached = self._of_leaves(leaves.values, places[leaves.faces], level, shown)
+                found.is_beyond[leaves.faces[reached > limit]] = True
+                found.include(leaves.faces, bounds, short)
+        return found.by_feet(faces, lasting)
+
+    def _undecided(
+        self, found: _DividedFaces, parts: Parts, places: IndexArray, level: int, split: int, shown: Vertices
+    ) -> Parts:
+        """Bound parts of faces with bounds at these places, quartered as often as ``split``. Returns the parts that
+        smaller parts may bring within the limit."""
+        own_places, later = places[parts.faces], 0.25 ** (level - split)
+        constants = self.whole.curvature[own_places], self.whole.speed[own_places]
+        own = foot_bounds(parts.values, shown, self.is_turned[own_places])
+        bounds, short = own.at_level(level - split, *constants), own.at_level(level - split, *constants, 0.5**level)
+        found.is_beyond[parts.faces[own.middle * later > found.limit]] = True
+        is_left = short > found.limit
+        if split >= NET_SPLITS:
+            # The error along the surface does not shrink.
+            is_left &= np.isfinite(short) & (constants[0] * (own.reach * later) ** 2 < found.limit)
+            bounds = np.where(bounds > found.limit, np.inf, bounds)
+        found.include(parts.faces[~is_left], bounds[~is_left], short[~is_left])
+        return parts.at(is_left & found.are_open[parts.faces])
 
     def _of_leaves(
         self, nets: FloatArray, places: IndexArray, level: int, shown: Vertices
@@ -235,6 +232,38 @@ class FaceFeet:
                 for own, other in zip(found, others, strict=True):
                     own[folded] = np.maximum(own[folded], other)
         return found
+
+
+@dataclass(frozen=True)
+class _DividedFaces:
+    """Faces (n,) whose parts are bounded, with a limit: the bounds of parts so far, with feet anywhere, and on leaves
+    alone; and (n,) bool, the faces with a part estimated beyond the limit."""
+
+    limit: float
+    bounds: FloatArray
+    on_leaves: FloatArray
+    is_beyond: BoolArray
+
+    @staticmethod
+    def none(count: int, limit: float) -> _DividedFaces:
+        """No part yet."""
+        return _DividedFaces(limit, np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool))
+
+    @property
+    def are_open(self) -> BoolArray:
+        """(n,) bool: whether all parts so far may be within the limit."""
+        return ~self.is_beyond & np.isfinite(self.bounds)
+
+    def include(self, which: IndexArray, bounds: FloatArray, on_leaves: FloatArray) -> None:
+        """Raise the bounds of faces to those of parts (P,)."""
+        np.maximum.at(self.bounds, which, bounds)
+        np.maximum.at(self.on_leaves, which, on_leaves)
+
+    def by_feet(self, faces: IndexArray, lasting: BoolArray) -> FoundByFeet:
+        """The bounds of the faces. lasting: (n,) bool, whether these hold at every later level, if they are short."""
+        bounds, on_leaves = (np.where(self.is_beyond, np.inf, each) for each in (self.bounds, self.on_leaves))
+        are_short = on_leaves <= self.limit
+        return FoundByFeet(faces, bounds, are_short, lasting & are_short, (bounds > self.limit) & ~self.is_beyond)
 
 
 def _of_children(mesh: PolygonMesh, corners: IndexArray, valence: int) -> tuple[IndexArray, FloatArray, FloatArray]:

@@ -103,7 +103,7 @@ def _include(
             counts += np.bincount(own[is_open], minlength=len(found))
             if is_last or split >= SETTLED_AT:
                 found[counts > before] = np.inf
-            left.append((own[is_open], some.at(np.flatnonzero(is_open))))
+            left.append((own[is_open], some.at(is_open)))
         owners, (first, *others) = zip(*(_still_open(found, *each) for each in left), strict=True)
         bases, pieces = np.concatenate(owners), first.joined(others)
         before = counts
@@ -119,8 +119,8 @@ def _taken_together(form: Form, count: int) -> Sequence[Sequence[FloatArray]]:
 
 def _still_open(found: FloatArray, bases: IndexArray, pieces: Pieces) -> tuple[IndexArray, Pieces]:
     """The bases with finite bounds so far, and their pieces."""
-    left = np.flatnonzero(np.isfinite(found[bases]))
-    return (bases, pieces) if len(left) == len(bases) else (bases[left], pieces.at(left))
+    left = np.isfinite(found[bases])
+    return bases[left], pieces.at(left)
 
 
 def _heights_at(shell: Shell, values: IndexArray, pieces: Pieces) -> FloatArray:

@@ -41,13 +41,6 @@ def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
     return np.einsum("ai,bj->abij", along_u, along_v).reshape(-1, 16)
 
 
-def both_ways(halves: tuple[FloatArray, FloatArray], patches: FloatArray) -> FloatArray:
-    """(4, 4, 4P, 3): patches (4, 4, P, 3) halved in both directions, one quarter of all of them after the other."""
-    rows = patches.reshape(16, -1)
-    quarters = [matrix_product(np.kron(a, b), rows).reshape(patches.shape) for a in halves for b in halves]
-    return np.concatenate(quarters, axis=2)
-
-
 def largest_norm(vectors: FloatArray) -> FloatArray:
     """(P,): the longest of the vectors (rows, P, 3) of each patch."""
     return np.sqrt(squared_norms(vectors).max(axis=0))

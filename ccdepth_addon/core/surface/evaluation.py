@@ -130,8 +130,8 @@ def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Itera
     _put_on_regular(pending, regular, quantity, result)
     for valence, chosen, corners in extraordinary:
         _put_on_extraordinary(pending.at(chosen), corners, valence, quantity, result)
-    _put_at_vertices(pending.at(np.flatnonzero(at_vertex)), quantity, result)
-    return _refined(pending.at(np.flatnonzero(rest & ~at_vertex)))
+    _put_at_vertices(pending.at(at_vertex), quantity, result)
+    return _refined(pending.at(rest & ~at_vertex))
 
 
 def _put_on_regular(pending: _Pending, regular: IndexArray, quantity: Quantity, result: FloatArray) -> None:
