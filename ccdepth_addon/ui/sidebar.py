@@ -92,8 +92,7 @@ def show_progress(context: bpy.types.Context, run: Run) -> None:
     def draw(header: bpy.types.Header, _context: bpy.types.Context) -> None:
         row = header.layout.row()
         bar = row.row()
-        if run.fraction is not None:
-            bar.ui_units_x = BAR_WIDTH
+        bar.ui_units_x = BAR_WIDTH
         run.draw(bar)
         row.separator(factor=2.0)
         row.label(text="", icon="EVENT_ESC")
