@@ -141,6 +141,14 @@ class Surface:
         return 1.0 if self.painted is None else self.painted.least_factor
 
     @property
+    def greatest_factor(self) -> float:
+        """A factor that none on the tolerance exceeds."""
+        painted = 1.0 if self.painted is None else self.painted.greatest_factor
+        if self.pixels is None:
+            return painted
+        return painted * float(self.pixels.extremes(*surface_boxes(self.control.in_world))[1].max())
+
+    @property
     def factors(self) -> tuple[float, float] | None:
         """The least and the greatest factor on the tolerance, of pixels by face; None for the same everywhere."""
         by_face = self.variation_by_face
