@@ -157,8 +157,6 @@ def make_unplaced(
 
 def making_fault(blender_object: bpy.types.Object, source: bpy.types.Object, holder: Any) -> str | None:
     """The reason why the object cannot have a mesh made from the source with the holder's settings, or None."""
-    if holder.reduce and holder.tolerance_by != "NONE":
-        return "Reduce takes one tolerance; turn Reduce off, or set Vary by to Nothing"
     if holder.reduce and holder.longest_edge:
         return "Reduce keeps no edges short; turn Reduce off, or set Longest Edge to 0"
     if holder.reduce and has_own_keys(source, use_modifiers=holder.use_modifiers):

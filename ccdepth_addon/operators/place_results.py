@@ -163,7 +163,8 @@ def _make_mesh(
     with removed_on_failure([mesh.session_uid]):
         mesh.name = source.name + NAME_SUFFIX
         adaptive, has_angles = answer.adaptive, answer.task.has_angles(settings)
-        mesh_values.write_adaptive(mesh, answer, settings, adaptive.depths, adaptive.bounds, has_angles=has_angles)
+        values = adaptive.depths, adaptive.bounds, adaptive.ratios
+        mesh_values.write_adaptive(mesh, answer, settings, *values, has_angles=has_angles)
     checksums = [result_record.source_checksum(each, use_modifiers=settings.use_modifiers) for each in _sources(answer)]
     return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths, checksums)
 

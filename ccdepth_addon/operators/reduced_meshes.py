@@ -17,7 +17,7 @@ from ..exchange.face_values import DEPTH, DEPTH_KIND, write_face_values
 from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.vertex_groups import has_groups
 from ..state import mesh_values
-from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings
+from ..tasks.adaptive_task import AdaptiveAnswer, AdaptiveSettings, AdaptiveTask
 from ..tasks.reduce_task import depths_of_faces, finer_answer, reduction_of, triangle_count
 from ..tasks.surfaces import naming
 from .mesh_operators import Steps, Work
@@ -67,13 +67,13 @@ class Reducer:
                 bpy.data.batch_remove(meshes_with(uids))
                 return None
             depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
-            mesh_values.write_adaptive(mesh, answer, self._settings, depths, bounds)
+            mesh_values.write_adaptive(mesh, answer, self._settings, depths, *_proved(answer.task, bounds))
             mesh.ccdepth.unreduced_triangles = triangle_count(answer)
             return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths, made.sources)
 
     def _reduce(self, answer: AdaptiveAnswer, mesh: bpy.types.Mesh) -> Steps[FloatArray | None]:
-        """Reduce a mesh without shape keys; returns the proved distances of its triangles (T,), or None, with the mesh
-        unchanged, without a proof."""
+        """Reduce a mesh without shape keys; returns the proved distances of its triangles (T,), as of ``Proof``, or
+        None, with the mesh unchanged, without a proof."""
         task = answer.task
         decimation = Decimation(mesh, task.control.world, task.surface.tolerance)
         try:
@@ -125,3 +125,10 @@ class Reducer:
         if search.is_proved:
             decimation.keep()
         return proof
+
+
+def _proved(task: AdaptiveTask, bounds: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The proved distances (T,) of triangles with these bounds, and their ratios (T,) to the tolerance at the place."""
+    factors = task.surface.factors
+    ratios = (bounds + task.allowance / task.surface.least_factor) / task.surface.tolerance
+    return bounds * (1.0 if factors is None else factors[1]), ratios

@@ -135,19 +135,22 @@ def write_adaptive(
     settings: AdaptiveSettings,
     depths: NDArray[np.int32],
     proved: FloatArray,
+    ratios: FloatArray,
     *,
     has_angles: bool = False,
 ) -> None:
-    """Write depths (F,), and proved distances (F,) where the mesh was made, with its record, in Object Mode.
-    has_angles: whether to write the answer's angles, which are proved of an unreduced mesh."""
-    bounds = rounded_up(answer.largest_over_users(proved))
+    """Write depths (F,), and proved distances (F,) where the mesh was made, with its record, in Object Mode. ratios:
+    (F,), of the distances to the tolerance at their place; where that varies, the attribute has these times the
+    tolerance. has_angles: whether to write the answer's angles, which are proved of an unreduced mesh."""
+    bounds, largest_ratio = rounded_up(answer.largest_over_users(proved)), 0.0
+    largest_bound = float(bounds.max(initial=0.0))
+    if answer.task.surface.factors is not None:
+        bounds, largest_ratio = rounded_up(ratios * answer.world_tolerance), float(rounded_up(ratios).max(initial=0.0))
     write_face_values(mesh, {DEPTH_KIND: depths, BOUND_KIND: bounds})
     record = _new_record(mesh, depths, settings, answer.world_tolerance)
     record.subdivision = settings.mode
     record.base_faces = answer.task.surface.control.face_count
-    record.largest_bound = float(bounds.max(initial=0.0))
-    if answer.task.surface.varies:
-        record.largest_ratio = float(rounded_up(answer.adaptive.ratios).max(initial=0.0))
+    record.largest_bound, record.largest_ratio = largest_bound, largest_ratio
     if has_angles:
         _write_angles(mesh, answer, settings)
 

@@ -115,7 +115,7 @@ class MeshDeviation:
     worst_point: FloatArray
     facet_angle: float
     shading_angle: float | None
-    factors: tuple[float, float] | None
+    factors: tuple[float, float] | None = None
 
     @property
     def measured(self) -> str:

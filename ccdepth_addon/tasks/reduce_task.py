@@ -38,11 +38,9 @@ def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: P
     most = whole.limit - whole.rounding
     for divisor in DIVISORS_WITH_ANGLES if task.has_angles(settings) else DIVISORS:
         # Below the smallest step nothing can be proved.
-        limit = max(most / divisor, min(most, smallest_step(control.in_world)))
+        limit = max(most / divisor, min(most, smallest_step(control.in_world) / task.surface.least_factor))
         # Long triangles would turn over when they are merged.
-        request = replace(
-            whole, limit=limit, rounding=0.0, most_faces=settings.max_faces, are_squares=True, variation=None
-        )
+        request = replace(whole, limit=limit, rounding=0.0, most_faces=settings.max_faces, are_squares=True)
         try:
             finer = subdivide_adaptively(control.in_world, request, control.mesh.positions, progress)
         except TooManyFacesError:
@@ -72,8 +70,9 @@ def reduction_of(
     return Reduction(
         task.control.in_world,
         start,
-        task.surface.tolerance - task.allowance,
+        task.surface.tolerance - task.allowance / task.surface.least_factor,
         progress,
+        variation=task.surface.variation(task.control),
         shading_angle=settings.shading_angle,
         facet_angle=settings.facet_angle,
     )

@@ -141,7 +141,9 @@ def _largest(mesh: bpy.types.Mesh, kind: Shown) -> float:
     record = mesh.ccdepth
     if kind is Shown.ANGLE:
         return float(max(record.largest_shading_angle, record.largest_facet_angle))
-    return float(record.deviation if kind is Shown.DEVIATION else record.largest_bound)
+    if kind is Shown.DEVIATION:
+        return float(record.deviation)
+    return float(record.largest_ratio * record.world_tolerance or record.largest_bound)
 
 
 def _alert(settings: bpy.types.PropertyGroup, kind: Shown, objects: Sequence[bpy.types.Object]) -> str:

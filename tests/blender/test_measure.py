@@ -6,7 +6,6 @@ at.
 """
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import bmesh
 import bpy
@@ -364,8 +363,9 @@ def test_the_worst_face_is_selected_and_framed(editing: bool) -> None:
 def test_a_distance_within_the_tolerance_is_not_reported_as_more() -> None:
     """Rounded up to four digits it would be 3.465 mm, and the tolerance 3.464 mm."""
     met = addon.module("tasks.deviation_task").Verdict.MET
-    answer = SimpleNamespace(proved=0.00346409, reached=0.001, tolerance=0.0034641, verdict=met)
-    text = addon.module("operators.measure_deviation")._text(bpy.context.scene, answer)
+    facts = addon.module("ui.facts")
+    texts = facts.deviation_texts(bpy.context.scene, 0.00346409, 0.001, 0.0034641, None)
+    text = facts.deviation_text(*texts, met)
     assert text == "Deviation at most 0.0034641 m, at least 0.001 m: within the tolerance of 0.0034641 m"
     report = addon.module("command_line.report")
     entry = report.ObjectEntry("Cube", {}, 0.0034641, 6, proved=0.00346409)

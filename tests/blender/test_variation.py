@@ -20,7 +20,7 @@ from tests.blender.subdividing import faces, known_count, refused, refuses, subd
 TOLERANCE, COARSEST = 0.002, 10.0
 
 # For less time.
-COARSE = 0.01
+COARSE = 0.03
 
 
 @pytest.fixture(autouse=True)
@@ -94,9 +94,15 @@ def test_every_sample_is_within_its_own_tolerance() -> None:
         assert distance <= 1.1 * own[quads[face]].max()
 
 
-def test_measured_distances_are_divided_by_the_factors() -> None:
+@pytest.mark.parametrize("reduce", [False, True])
+def test_measured_distances_are_divided_by_the_factors(reduce: bool) -> None:
+    """Of meshes that Reduce made as well, which it judges so."""
     holder = painted(front)
-    [result] = subdivide(holder, **by_group(tolerance=COARSE))
+    [result] = subdivide(holder, **by_group(tolerance=COARSE, reduce=reduce))
+    assert bool(result.data.ccdepth.unreduced_triangles) == reduce
+    assert 0.5 < result.data.ccdepth.largest_ratio <= 1.0
+    bounds = scene.values_of(result.data.attributes["ccdepth_bound"].data, "value", np.float32)
+    assert bounds.max() == pytest.approx(result.data.ccdepth.largest_ratio * COARSE)
     addon.measure(result, holder, **by_group(tolerance=COARSE, time_limit=0.0, accuracy=0.2))
     record = result.data.ccdepth
     assert record.measurement.verdict == "MET"
@@ -288,7 +294,6 @@ def test_refusals_in_one_line() -> None:
     refused(holder, match="it has no vertex group called “Nothing”", **by_group(vertex_group="Nothing"))
     refused(holder, match="no vertex group is chosen", **by_group(vertex_group=""))
     refused(holder, match="Coarsest must be 1 or more", **by_group(coarsest=0.5))
-    refused(holder, match="Reduce takes one tolerance", **by_group(reduce=True))
     material = bpy.data.materials.new("Bad")
     holder.data.materials.append(material)
     material.ccdepth.tolerance_factor = -1.0

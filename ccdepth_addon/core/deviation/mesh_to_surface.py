@@ -11,11 +11,14 @@ import numpy as np
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import dot_products, lengths, squared_norms
+from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import CORNERS
-from .bezier_pieces import BezierPieces, bilinear_pieces
+from ..tolerance.variation import Variation
+from .bezier_pieces import BezierPieces, bezier_pieces, bilinear_pieces
 from .box_tree import BoxTree, first_of_each
 from .columns import Table, columns
 from .covering_pieces import EXCESS_SHARE, over_pieces
+from .piece_factors import PieceFactors
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles, distance_slack, to_quads, to_triangles
 
@@ -132,6 +135,20 @@ class Leaves:
         reduced = distances / facets.least[which]
         first, least = (first_of_each(owners, each, len(places)) for each in (distances, reduced))
         return facets, which[first], which[least], reduced[least]
+
+
+def factors_near(
+    control: PolygonMesh, variation: Variation, places: FloatArray, tick: Callable[[], None]
+) -> FloatArray:
+    """(P,): the factors on the tolerance at the surface near places (P, 3), at most, or about; nothing is proved by
+    that. tick: called again and again; it may raise to stop."""
+    factors = PieceFactors(variation, control, np.zeros(3), 0.0)
+    leaves, found = Leaves.of(bezier_pieces(control, len(places) // 4, tick, factors), tick), np.empty(len(places))
+    for some in chunks(len(places), AT_ONCE):
+        facets, which, *_ = leaves.nearest(places[some])
+        found[some] = facets.least[which]
+        tick()
+    return found
 
 
 @dataclass(frozen=True)

@@ -30,18 +30,20 @@ class Places:
 
 
 class SampledDistances:
-    """Distances between a fine mesh and coarser ones, both ways. Triangles of the mesh before keep their distances, and
-    so do samples nearest to them. triangles: those of the fine mesh.
+    """Distances between a fine mesh and coarser ones, both ways, in parts of factors on the tolerance. Triangles of the
+    mesh before keep their distances, and so do samples nearest to them. triangles: those of the fine mesh.
 
-    positions: (V, 3) float64; corners: (T, 3) intp, of the fine mesh, at least one triangle. tick: is called again and
-    again, and may raise to stop, here as in the methods.
+    positions: (V, 3) float64; corners: (T, 3) intp, of the fine mesh, at least one triangle; factors: (T,), of these.
+    tick: is called again and again, and may raise to stop, here as in the methods.
     """
 
-    def __init__(self, positions: FloatArray, corners: IndexArray, tick: Tick) -> None:
-        self.triangles = Triangles.of(positions, corners, tick)
+    def __init__(self, positions: FloatArray, corners: IndexArray, factors: FloatArray, tick: Tick) -> None:
+        self.triangles, self._factors = Triangles.of(positions, corners, tick), factors
+        at_vertices = np.full(len(positions), np.inf)
+        np.minimum.at(at_vertices, corners, factors[:, None])
         used, first = np.unique(corners, return_index=True)
         chosen = slice(None, None, len(used) // MOST_SAMPLES + 1)
-        self._samples = positions[used[chosen]]
+        self._samples, self._at_samples = positions[used[chosen]], at_vertices[used[chosen]]
         # Of the last mesh, at first the fine one: the triangles, the distances of their own points, and the triangle
         # that each sample is nearest to, with its distance.
         self._rows, self._own = self.triangles.rows, np.zeros(len(corners))
@@ -62,7 +64,8 @@ class SampledDistances:
         lost = np.flatnonzero(nearest == NONE)
         for block in chunks(len(lost), AT_ONCE):
             found = nearest_triangles(mesh, self._samples[lost[block]])
-            nearest[lost[block]], apart[lost[block]] = found.which, found.distances
+            nearest[lost[block]] = found.which
+            apart[lost[block]] = found.distances / self._at_samples[lost[block]]
             tick()
         own, new = self._own[before], np.flatnonzero(before == NONE)
         own[new] = self._of_own_points(positions, corners[new], tick)
@@ -99,10 +102,11 @@ class SampledDistances:
         return Places(triangles, weights)
 
     def _from(self, places: FloatArray, tick: Tick) -> FloatArray:
-        """(P,): the distances of places (P, 3) from the fine mesh."""
+        """(P,): the distances of places (P, 3) from the fine mesh, in parts of factors."""
         distances = np.empty(len(places))
         for block in chunks(len(places), AT_ONCE):
-            distances[block] = nearest_triangles(self.triangles, places[block]).distances
+            found = nearest_triangles(self.triangles, places[block])
+            distances[block] = found.distances / self._factors[found.which]
             tick()
         return distances
 

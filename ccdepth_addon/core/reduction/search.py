@@ -14,9 +14,11 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..deviation import Deviation, KeptProofs, SampledSurface, measure_deviation
 from ..deviation.columns import NONE, Table
+from ..deviation.mesh_to_surface import factors_near
 from ..deviation.triangles import Triangles, places_among
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
+from ..tolerance.variation import Variation
 from .sampled_distances import Places, SampledDistances, nearest_of
 
 # The largest and the least part of the mergeable triangles that an attempt is to merge.
@@ -73,7 +75,7 @@ class Attempt:
 @dataclass(frozen=True)
 class Proof:
     """A reduced mesh that is proved to be within the limit. bounds: (T,) float64, the proved distance of each triangle,
-    both ways. reached: a distance that a point reaches."""
+    both ways, reduced where the limit varies. reached: a distance that a point reaches."""
 
     mesh: TriangleMesh
     bounds: FloatArray
@@ -95,8 +97,9 @@ class Reduction:
     replaces ``current``. Once ``attempt`` returns None, ``prove`` gives the result.
 
     control: the control mesh, with explicit sharpness. start: a fine mesh, within a small part of the limit from the
-    limit surface. limit: the largest distance allowed, in the unit of the positions. shading_angle, facet_angle: the
-    largest angles allowed at samples (radians), 0 for any.
+    limit surface. limit: the largest distance allowed, in the unit of the positions. variation: of the limit over the
+    control mesh; None for the same everywhere. shading_angle, facet_angle: the largest angles allowed at samples
+    (radians), 0 for any.
     """
 
     def __init__(
@@ -106,12 +109,13 @@ class Reduction:
         limit: float,
         progress: Progress,
         *,
+        variation: Variation | None = None,
         shading_angle: float = 0.0,
         facet_angle: float = 0.0,
     ) -> None:
         self.current = self._start = start
         self.proof: Proof | None = None
-        self._control, self._limit = control, limit
+        self._control, self._limit, self._variation = control, limit, variation
         # By whether they are of shading; and the surface with the samples that the start keeps, once needed.
         self._largest_angles = {True: shading_angle if start.is_smooth.any() else 0.0, False: facet_angle}
         self._kept: dict[bool, SampledSurface] = {}
@@ -120,7 +124,11 @@ class Reduction:
         self._is_fixed = np.zeros(len(start.positions), dtype=bool)
         self._share, self._refusals = LARGEST_SHARE, 0
         self._proofs = KeptProofs()
-        self._samples = SampledDistances(start.positions, start.corners, lambda: progress(0.0))
+        factors = np.ones(len(start.corners))
+        if variation is not None:
+            centroids = start.positions[start.corners].mean(axis=1)
+            factors = factors_near(control, variation, centroids, lambda: progress(0.0))
+        self._samples = SampledDistances(start.positions, start.corners, factors, lambda: progress(0.0))
 
     @property
     def is_proved(self) -> bool:
@@ -253,6 +261,7 @@ class Reduction:
             mesh.corners,
             accuracy=ACCURACY_BEYOND,
             enough=self._limit,
+            variation=self._variation,
             proofs=self._proofs,
             progress=progress,
         )
