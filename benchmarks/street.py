@@ -3,11 +3,11 @@
 
 python benchmarks/street.py [PICTURE.png]        with the bpy wheel
 
-Objects stand on both sides of a street, and a camera walks along it; then the street is one object. The length for all
-is the least that a face has by pixels. On every tenth frame, samples of the limit surface, by Blender's own modifier at
-a deep level, are compared with the nearest points of the result: the farthest apart that their images are, in pixels,
-among all inside the image. A surface point may have a drawn one nearer in the image, so the figure is no less than the
-true one. PICTURE is a render of the result on the last frame.
+Objects stand on both sides of a street, and a camera walks along it; then the street is one object; and then hills of
+few faces. The length for all is the least that a face has by pixels. On every tenth frame, samples of the limit
+surface, by Blender's own modifier at a deep level, are compared with the nearest points of the result: the farthest
+apart that their images are, in pixels, among all inside the image. A surface point may have a drawn one nearer in the
+image, so the figure is no less than the true one. PICTURE is a render of the result on the last frame.
 """
 
 from __future__ import annotations
@@ -150,6 +150,16 @@ def joined(objects: list[bpy.types.Object]) -> bpy.types.Object:
     return bpy.context.object
 
 
+def hills() -> bpy.types.Object:
+    """Hilly ground of 128 faces below the street, from behind the camera to beyond the last object."""
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=8, y_subdivisions=16, size=1)
+    own = bpy.context.object
+    for vertex in own.data.vertices:
+        x, y, _ = vertex.co
+        vertex.co = 24 * x, 18 + 48 * y, 0.5 * np.sin(7 * x) * np.cos(19 * y)
+    return own
+
+
 def main() -> None:
     ccdepth_addon.register()
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -164,6 +174,8 @@ def main() -> None:
         render(Path(sys.argv[1]))
     print("the street as one object")
     compare([joined(objects)])
+    print("hills below it")
+    compare([hills()])
 
 
 def render(path: Path) -> None:

@@ -129,5 +129,6 @@ class Reducer:
 
 def _proved(task: AdaptiveTask, bounds: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The proved distances (T,) of triangles with these bounds, and their ratios (T,) to the tolerance at the place."""
+    factors = task.surface.factors
     ratios = (bounds + task.allowance / task.surface.least_factor) / task.surface.tolerance
-    return bounds * task.surface.greatest_factor, ratios
+    return bounds * (1.0 if factors is None else factors[1]), ratios

@@ -40,9 +40,7 @@ def finer_answer(answer: AdaptiveAnswer, settings: AdaptiveSettings, progress: P
         # Below the smallest step nothing can be proved.
         limit = max(most / divisor, min(most, smallest_step(control.in_world) / task.surface.least_factor))
         # Long triangles would turn over when they are merged.
-        request = replace(
-            whole, limit=limit, rounding=0.0, most_faces=settings.max_faces, are_squares=True, variation=None
-        )
+        request = replace(whole, limit=limit, rounding=0.0, most_faces=settings.max_faces, are_squares=True)
         try:
             finer = subdivide_adaptively(control.in_world, request, control.mesh.positions, progress)
         except TooManyFacesError:

@@ -127,9 +127,14 @@ class Surface:
         """A variation with the least tolerance of each face."""
         if self.pixels is None:
             return self.painted
-        arrays = self.control.topology.arrays
-        of_faces = self.pixels.extremes(*surface_boxes(self.control.in_world))[0]
-        return Variation(self._factors * np.repeat(of_faces, arrays.face_sizes))
+        return Variation(self._factors * np.repeat(self._by_face[0], self.control.topology.arrays.face_sizes))
+
+    @cached_property
+    def _by_face(self) -> tuple[FloatArray, FloatArray]:
+        """(F,) twice: the least and the greatest factors by pixels."""
+        if self.pixels is None:
+            return np.ones(self.control.face_count), np.ones(self.control.face_count)
+        return self.pixels.extremes(*surface_boxes(self.control.in_world))
 
     @property
     def _factors(self) -> FloatArray:
@@ -138,26 +143,14 @@ class Surface:
     @property
     def least_factor(self) -> float:
         """The least factor by weights or materials: none on the tolerance is less."""
-        return 1.0 if self.painted is None else self.painted.least_factor
-
-    @property
-    def greatest_factor(self) -> float:
-        """A factor that none on the tolerance exceeds."""
-        painted = 1.0 if self.painted is None else self.painted.greatest_factor
-        if self.pixels is None:
-            return painted
-        return painted * float(self.pixels.extremes(*surface_boxes(self.control.in_world))[1].max())
+        return float(self._factors.min())
 
     @property
     def factors(self) -> tuple[float, float] | None:
-        """The least and the greatest factor on the tolerance, of pixels by face; None for the same everywhere."""
-        by_face = self.variation_by_face
-        return None if by_face is None else (by_face.least_factor, by_face.greatest_factor)
-
-    @property
-    def varies(self) -> bool:
-        """Whether the tolerance varies over the control mesh."""
-        return self.painted is not None or self.pixels is not None
+        """No more and no less than all factors on the tolerance; None for the same everywhere."""
+        if self.painted is None and self.pixels is None:
+            return None
+        return self.least_factor, float(self._factors.max() * self._by_face[1].max())
 
     @property
     def paint(self) -> bytes | None:
@@ -169,7 +162,7 @@ class Surface:
         pixels = self.pixels
         if pixels is None:
             return self
-        longest = self.tolerance * pixels.extremes(*surface_boxes(self.control.in_world))[1].max()
+        longest = self.tolerance * self._by_face[1].max()
         views = pixels.views
         for other in others:
             try:
@@ -193,9 +186,9 @@ class Surface:
 def relative_matrix(world: FloatArray, base: FloatArray) -> FloatArray:
     """(3, 3): the matrix that moves what base (3, 3) has moved to where world (3, 3) moves it, to eight digits. Raises
     ControlMeshError if base is too flat for any."""
-    if np.array_equal(world, base):
+    if np.array_equal(world, base, equal_nan=True):
         return np.eye(3)
-    if not np.linalg.cond(base) < FLATTEST:
+    if not (np.isfinite(base).all() and np.linalg.cond(base) < FLATTEST):
         raise ControlMeshError("its scale is zero now, and may not be on other frames")
     return np.linalg.solve(base.T, world.T).T
 

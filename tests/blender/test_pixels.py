@@ -139,13 +139,6 @@ def add_road(nearest: float, mesh: bpy.types.Mesh | None = None) -> bpy.types.Ob
     return holder
 
 
-def farthest_depths(result: bpy.types.Object) -> np.ndarray:
-    """(F,): the greatest depth of a vertex of each face."""
-    world, data = np.array(result.matrix_world), scene.mesh_data(result.data)
-    depths = -(data.positions @ world[:3, :3].T + world[:3, 3])[:, 2]
-    return np.maximum.reduceat(depths[data.corner_vertices], np.cumsum([0, *data.face_sizes])[:-1])
-
-
 def test_an_object_from_near_to_far_is_finer_where_it_is_near() -> None:
     road = add_road(1.0)
     compute(road, pixels=0.5)
@@ -155,8 +148,6 @@ def test_an_object_from_near_to_far_is_finer_where_it_is_near() -> None:
     record = result.data.ccdepth
     assert record.largest_bound > 3 * record.world_tolerance
     assert 0 < record.largest_ratio <= 1
-    bounds = scene.values_of(result.data.attributes["ccdepth_bound"].data, "value", np.float32)[:, 0]
-    assert np.all(bounds <= 0.5 * farthest_depths(result) / (FOCAL / 10))
     count, settings = faces(result), bpy.context.scene.ccdepth
     bpy.context.view_layer.objects.active = result
     for pixels, verdict in ((0.5, "MET"), (0.1, "NOT_MET")):
@@ -171,6 +162,20 @@ def test_an_object_from_near_to_far_is_finer_where_it_is_near() -> None:
     assert faces(bpy.context.object) > 2 * count
 
 
+@pytest.mark.thorough
+def test_reduced_objects_are_within_the_pixels_from_near_to_far() -> None:
+    road, settings = add_road(1.0), bpy.context.scene.ccdepth
+    [whole] = subdivide(road, pixels=0.5)
+    road.hide_set(False)
+    addon.finish("subdivide", road, tolerance=0.5, tolerance_mode="PIXELS", reduce=True)
+    result, settings.pixels = bpy.context.object, 0.5
+    assert faces(result) < 2 * 0.8 * faces(whole)
+    assert result.data.ccdepth.largest_bound > result.data.ccdepth.world_tolerance
+    assert 0.5 < result.data.ccdepth.largest_ratio <= 1
+    addon.finish("measure", result)
+    assert result.data.ccdepth.measurement.verdict == "MET"
+
+
 def test_one_mesh_is_fine_enough_wherever_one_of_its_objects_is_near() -> None:
     road = add_road(1.0)
     other = add_road(1.5, road.data)
@@ -179,11 +184,10 @@ def test_one_mesh_is_fine_enough_wherever_one_of_its_objects_is_near() -> None:
     made = subdivide(road, other, pixels=0.2)
     assert made[0].data == made[1].data
     assert faces(made[0]) > 1.2 * faces(alone)
-    bounds = scene.values_of(made[0].data.attributes["ccdepth_bound"].data, "value", np.float32)[:, 0]
-    # The attribute has the largest distance for a place with the longest tolerance of both.
-    bounds *= alone.data.ccdepth.world_tolerance / made[0].data.ccdepth.world_tolerance
-    for each in made:
-        assert np.all(bounds <= 0.2 * farthest_depths(each) / (FOCAL / 10))
+    bpy.context.scene.ccdepth.pixels = 0.2
+    for each, source in zip(made, (road, other), strict=True):
+        addon.finish("measure", each)
+        assert (each.data.ccdepth.measurement.verdict, made[0].data.ccdepth.measurement.against) == ("MET", source.name)
     compute(road, other, pixels=0.2)
     depths = scene.values_of(road.data.attributes["ccdepth"].data, "value", np.int32)[:, 0]
     # In one object or the other both ends are near.

@@ -41,11 +41,6 @@ class Variation:
         """The least factor on the tolerance anywhere. Of pixels, the unit is the least length."""
         return float(self.factors.min(initial=np.inf))
 
-    @property
-    def greatest_factor(self) -> float:
-        """The greatest factor on the tolerance anywhere."""
-        return float(self.factors.max(initial=0.0))
-
     def of_faces(self, mesh: PolygonMesh, tolerance: float) -> FloatArray:
         """(F,): the tolerances of whole faces, the least over each face."""
         found: FloatArray = tolerance * np.minimum.reduceat(self.factors, mesh.face_starts[:-1])
