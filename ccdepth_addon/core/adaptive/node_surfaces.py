@@ -18,7 +18,7 @@ from ..arrays.column import Column
 from ..arrays.masks import mask
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.touching_faces import surface_boxes
-from ..surface.bicubic import patch_coefficients
+from ..surface.bicubic import cubic_blossoms, patch_coefficients
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from ..surface.refinement import Refinement
 from .rectangle_tree import NONE, QUARTERS, RectangleTree
@@ -176,18 +176,10 @@ def points_of_quads(refinement: Refinement) -> FloatArray:
 
 def _values(low: FloatArray, high: FloatArray) -> FloatArray:
     """(3, 4, n): the cubic Bernstein basis at both ends of intervals (n,) and half-way."""
-    return np.stack([_blossom(t, t, t) for t in (low, (low + high) / 2, high)])
+    return np.stack([cubic_blossoms(np.stack([t, t, t])) for t in (low, (low + high) / 2, high)])
 
 
 def _subdivided(low: FloatArray, high: FloatArray) -> FloatArray:
     """(4, 4, n): matrices from a cubic's Bernstein coefficients over [0, 1] to its coefficients over intervals (n,)."""
-    return np.stack([_blossom(*each) for each in ((low,) * 3, (low, low, high), (low, high, high), (high,) * 3)])
-
-
-def _blossom(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
-    """(4, n): the weights of a cubic's Bernstein coefficients in its blossom at three arguments."""
-    weights = np.stack([1 - first, first, 0 * first, 0 * first])
-    for argument in (second, third):
-        # Each step consumes one argument; the last weight is 0 before the last step.
-        weights = (1 - argument) * weights + argument * np.roll(weights, 1, axis=0)
-    return weights
+    ends = (low, low, low), (low, low, high), (low, high, high), (high, high, high)
+    return np.stack([cubic_blossoms(np.stack(each)) for each in ends])

@@ -24,7 +24,7 @@ from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..distance.leaf_surfaces import Tiles
 from ..distance.piece_hulls import Pieces
 from ..distance.pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form
-from ..surface.bicubic import GREVILLE, HALVES
+from ..surface.bicubic import GREVILLE, QUARTERS
 from ..surface.squares import WHOLE_QUAD, Square, Squares
 from .template_rows import barycentric_rows, clipped, functionals
 from .templates import (
@@ -220,8 +220,8 @@ def _over_squares(region: _Region, square: Square, rows: FloatArray, splits: int
     if not are_bicubic:
         yield Part(HULL_FORM, None, at_corners)
     elif is_cut and splits:
-        for child, halves in enumerate(_QUARTERS):
-            smaller = Square(square.origin + QUAD_POINTS[child] @ square.axes / 2, square.axes / 2)
+        for corner, halves in zip(QUAD_POINTS[[0, 3, 1, 2]], QUARTERS, strict=True):
+            smaller = Square(square.origin + corner @ square.axes / 2, square.axes / 2)
             yield from _over_squares(region, smaller, halves @ rows, splits - 1, are_bicubic)
     else:
         yield Part(CUT_FORM if is_cut else SQUARE_FORM, rows, AT_GREVILLE @ at_corners)
@@ -229,9 +229,6 @@ def _over_squares(region: _Region, square: Square, rows: FloatArray, splits: int
 
 # Points beyond a triangle have no height over the triangle.
 CUT_FORM = Form(np.zeros(0, dtype=np.intp), SQUARE_FORM.quarters)
-
-# (16, 16) each: the coefficients of a square's quarters, at its corners 0 to 3.
-_QUARTERS = tuple(np.kron(HALVES[int(u)], HALVES[int(v)]) for u, v in QUAD_POINTS[:4])
 
 
 def grouped(*columns: IndexArray | FloatArray) -> Iterator[tuple[FloatArray, IndexArray]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.tables import Table
-from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.types import FloatArray, IndexArray
 from ..bounds.facet_bounds import LaterBounds, later_bounds
 from ..bounds.norm_bounds import PatchBounds, Vertices, second_order_regular
 from ..distance.foot_bounds import twists
@@ -27,68 +27,44 @@ SMALL_TWIST = 1 / 16
 
 
 @dataclass
-class RegularPatches:
-    """Regular patches that appear at one level: (P,) base faces.
+class RegularPatches(Table, nets=2):
+    """Regular patches that appear at one level: (P,) base faces, (4, 4, P, 3) nets.
 
-    rows: (P,) indices of their nets in (4, 4, N, 3), with perhaps further nets of settled faces. rough, later: bounds
-    by the norm alone and from the net itself, computed on first use; twist: (P,), of their facets, likewise.
+    rough, later: bounds by the norm alone and from the net itself, computed on first use; twist: (P,), of their facets,
+    likewise.
     """
 
     level: int
     bases: IndexArray
-    rows: IndexArray
     nets: FloatArray
     rough: PatchBounds | None = None
     later: LaterBounds | None = None
     twist: FloatArray | None = None
 
     @staticmethod
-    def joined(level: int, pieces: list[Parts]) -> RegularPatches:
+    def of(level: int, pieces: list[Parts]) -> RegularPatches:
         """The patches of several pieces together."""
         whole = pieces[0].joined(pieces[1:])
-        return RegularPatches(level, whole.faces, np.arange(len(whole.faces)), whole.values)
-
-    def of(self, wanted: BoolArray) -> RegularPatches:
-        """The patches of chosen base faces: (B,) bool."""
-        return self.at(np.flatnonzero(wanted[self.bases]))
-
-    def at(self, chosen: IndexArray) -> RegularPatches:
-        """Chosen patches, by index."""
-        if len(chosen) == len(self.bases):
-            return self
-        rough = None if self.rough is None else self.rough.at(chosen)
-        later = None if self.later is None else self.later.at(chosen)
-        twist = None if self.twist is None else self.twist[chosen]
-        return RegularPatches(self.level, self.bases[chosen], self.rows[chosen], self.nets, rough, later, twist)
-
-    def nets_of(self, chosen: IndexArray) -> FloatArray:
-        """(4, 4, chosen, 3): the nets of some of the patches, by index."""
-        return self.nets.take(self.rows[chosen], axis=2)
-
-    def compact(self) -> FloatArray:
-        """(4, 4, P, 3): the nets of these patches, all others dropped."""
-        if len(self.rows) < self.nets.shape[2]:
-            self.nets, self.rows = self.nets.take(self.rows, axis=2), np.arange(len(self.rows))
-        return self.nets
+        return RegularPatches(level, whole.faces, whole.values)
 
     def rough_bounds(self, vertices: Vertices) -> PatchBounds:
         if self.rough is None:
-            self.rough = second_order_regular(self.compact(), vertices)
+            self.rough = second_order_regular(self.nets, vertices)
         return self.rough
 
     def later_bounds(self, vertices: Vertices) -> LaterBounds:
         if self.later is None:
-            self.later = later_bounds(self.compact(), vertices)
+            self.later = later_bounds(self.nets, vertices)
         return self.later
 
     def off_drawn(self, levels: int, vertices: Vertices, test: ToleranceTest) -> FloatArray:
         """(P,): bounds of the distance between the facets, a number of levels later, and their triangles along either
         diagonal. Levels may not fall from call to call."""
         if self.twist is None:
-            self.twist = largest_norm(apply(TWISTS, self.compact())) / 4
+            self.twist = largest_norm(apply(TWISTS, self.nets)) / 4
             large = np.flatnonzero(self.twist * 0.25**levels > SMALL_TWIST * test.tolerance)
             if vertices is Vertices.LIMIT and len(large):
-                nets = self.nets_of(large).reshape(16, -1, 3)
+                nets = self.nets.take(large, axis=2).reshape(16, -1, 3)
                 self.twist[large] = twists(np.ascontiguousarray(nets.swapaxes(1, 2)))
         return self.twist * 0.25**levels
 

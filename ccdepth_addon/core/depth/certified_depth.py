@@ -18,7 +18,6 @@ from functools import partial
 import numpy as np
 
 from ..arrays.chunks import AT_ONCE, index_chunks
-from ..arrays.masks import mask
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, units
@@ -237,7 +236,7 @@ class _CertifiedSearch:
         for regular in evaluated:
             # Without bounds by the norm alone, the bounds from the nets are recorded already.
             if with_distances or regular.rough is not None:
-                self._tighten_bounds(decision, regular.of(settled), level)
+                self._tighten_bounds(decision, regular.at(settled[regular.bases]), level)
         return settled
 
     def _settle_early(self, decision: LevelDecision, own: int, level: int) -> None:
@@ -251,7 +250,6 @@ class _CertifiedSearch:
                 if self.as_drawn:
                     rough = rough + patches.off_drawn(level - own, self.vertices, self.test)
                 self.patches[place] = patches.at(_undecided(decision, patches.bases, rough))
-                self.patches[place].compact()
         if self.as_drawn:
             return
         of_valences = []
@@ -262,12 +260,11 @@ class _CertifiedSearch:
         refinement = self.refinement
         if refinement is not None and len(refinement.bases) and np.all(refinement.mesh.face_sizes == 4):
             bounds = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
-            wanted = mask(len(bounds), _undecided(decision, refinement.bases, bounds))
-            self.refinement = refinement.keep(wanted)
+            self.refinement = refinement.keep(_undecided(decision, refinement.bases, bounds))
 
     def _descend(self, wanted: BoolArray) -> None:
         """Refine the wanted base faces to the next level."""
-        self.patches = [patches.of(wanted) for patches in self.patches]
+        self.patches = [patches.at(wanted[patches.bases]) for patches in self.patches]
         kept = (patches.at(wanted[patches.bases]) for patches in self.extraordinary)
         self.extraordinary = []
         for patches in kept:
@@ -288,7 +285,7 @@ class _CertifiedSearch:
                 self.extraordinary.append(ExtraordinaryPatches(bases[faces], nets))
             self.refinement = self.refinement.keep(rest)
         if self.new_patches:
-            self.patches.append(RegularPatches.joined(level, self.new_patches))
+            self.patches.append(RegularPatches.of(level, self.new_patches))
             self.new_patches = []
 
     def _off_drawn(self, level: int) -> FloatArray:
@@ -325,14 +322,14 @@ class _CertifiedSearch:
         """
         evaluated = []
         for patches in self.patches:
-            patches = patches.of(decision.wanted)
+            patches = patches.at(decision.wanted[patches.bases])
             if not len(patches.bases):
                 continue
             levels = level - patches.level
             if self.refinement is not None:
                 near = self.test.within(patches.rough_bounds(self.vertices).after(levels) + decision.off[patches.bases])
-                evaluated.append(patches.at(np.flatnonzero(near)))
-                patches = patches.at(np.flatnonzero(~near))
+                evaluated.append(patches.at(near))
+                patches = patches.at(~near)
             self._evaluate_nets(decision, patches, levels)
             evaluated.append(patches)
         return evaluated
@@ -340,8 +337,8 @@ class _CertifiedSearch:
     def _evaluate_nets(self, decision: LevelDecision, patches: RegularPatches, levels: int) -> None:
         """Evaluate regular patches for the facets a number of levels after their own, with the cheapest bounds
         first."""
-        undecided = np.flatnonzero(decision.update(patches.bases, *self._first_bounds(patches, levels)))
-        left = Parts(patches.bases[undecided], patches.nets_of(undecided))
+        undecided = decision.update(patches.bases, *self._first_bounds(patches, levels))
+        left = Parts(patches.bases, patches.nets).at(undecided)
         splits = 0 if self.as_drawn else NET_SPLITS
         for remaining in range(levels, max(levels - splits, 0) - 1, -1):
             if not len(left.faces):
@@ -360,7 +357,7 @@ class _CertifiedSearch:
     def _first_bounds(self, patches: RegularPatches, levels: int) -> tuple[FloatArray, FloatArray]:
         """(P,) each: upper and lower bounds of the distances, a number of levels after the patches' own."""
         if not self._has_later_bounds(levels):
-            return self._control_bounds(patches.compact())
+            return self._control_bounds(patches.nets)
         later = patches.later_bounds(self.vertices)
         return later.after(levels), later.least(levels)
 
@@ -384,7 +381,7 @@ class _CertifiedSearch:
         levels = level - patches.level
         if patches.rough is not None:
             within_reach = patches.rough.after(levels) > decision.lower[patches.bases]
-            patches = patches.at(np.flatnonzero(within_reach))
+            patches = patches.at(within_reach)
         elif not self._has_later_bounds(levels):
             # The evaluation of the patches has recorded these bounds.
             return
@@ -392,7 +389,7 @@ class _CertifiedSearch:
             upper, lower = self._first_bounds(patches, levels)
             if self._has_later_bounds(levels):
                 promising = np.flatnonzero(upper > decision.lower[patches.bases])
-                lower[promising] = sampled_error(patches.nets_of(promising), self.vertices, levels)
+                lower[promising] = sampled_error(patches.nets.take(promising, axis=2), self.vertices, levels)
             decision.update(patches.bases, upper, lower)
 
     def _evaluate_extraordinary(
@@ -482,9 +479,9 @@ class _CertifiedSearch:
             self._evaluate_differences(decision, left.at(some[left.faces]).quarters(HALVES), splits - 1)
 
 
-def _undecided(decision: LevelDecision, bases: IndexArray, upper: FloatArray) -> IndexArray:
-    """Record upper bounds (P,) of parts of base faces (P,); the indices of the parts that are still undecided."""
-    return np.flatnonzero(decision.update(bases, upper, np.zeros(len(bases))))
+def _undecided(decision: LevelDecision, bases: IndexArray, upper: FloatArray) -> BoolArray:
+    """Record upper bounds (P,) of parts of base faces (P,). Returns (P,) bool, the parts that are still undecided."""
+    return decision.update(bases, upper, np.zeros(len(bases)))
 
 
 def _groups(counts: IndexArray, most: int) -> Iterator[BoolArray]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, index_chunks
 from ..arrays.masks import mask
+from ..arrays.tables import Table
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
@@ -32,7 +33,7 @@ NET_SPLITS = 3
 
 
 @dataclass(frozen=True)
-class FoundByFeet:
+class FoundByFeet(Table):
     """Some faces at a level. bounds: (n,), infinite without a proof; are_short: (n,) bool, whether a bound within the
     limit is proved with ways no longer than a leaf, and so depends only on the leaves that touch the face's own;
     lasting: (n,) bool, whether such a bound holds at every later level, too; is_open: (n,) bool, whether feet prove
@@ -160,8 +161,7 @@ class FaceFeet:
         is_divided = may_be_within & np.isfinite(self.whole.curvature[places]) & are_divided
         are_short = on_leaves <= limit
         is_open = may_be_within & (found > limit)
-        columns = (column[~is_divided] for column in (faces, found, are_short, are_short, is_open))
-        return is_divided, FoundByFeet(*columns)
+        return is_divided, FoundByFeet(faces, found, are_short, are_short, is_open).at(~is_divided)
 
     def likely(self, faces: IndexArray, level: int, shown: Vertices) -> FloatArray:
         """(n,): estimates of the distances of regular faces at a level, zero at level 0. Estimates prove nothing."""

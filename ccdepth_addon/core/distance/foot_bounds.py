@@ -18,23 +18,16 @@ from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray
 from ..arrays.vectors import crosses, products
 from ..bounds.norm_bounds import Vertices
-from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, tensor
+from ..surface.bicubic import FIRST_DIFFERENCE, second_derivatives, tensor
 
-# Quadratic splines in Bernstein form.
-FIRST_DIFFERENCE = np.diff(np.eye(4), axis=0)
-QUADRATIC = np.array([[1, 1, 0], [0, 2, 0], [0, 1, 1]]) / 2
+# The first derivative of a cubic spline, a quadratic spline, in Bernstein form.
+QUADRATIC_SLOPES = np.array([[1, 1, 0], [0, 2, 0], [0, 1, 1]]) / 2 @ FIRST_DIFFERENCE
 
 # (25, 16): the Bernstein coefficients of S_uu, S_vv and S_uv of a net, and the rows of each; (4, 16): S_uuvv at the
 # corners.
-SECONDS = np.concatenate(
-    [
-        tensor(SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
-        tensor(SPLINE_TO_BERNSTEIN, SECOND_DIFFERENCE),
-        tensor(QUADRATIC @ FIRST_DIFFERENCE, QUADRATIC @ FIRST_DIFFERENCE),
-    ]
-)
+UU_AND_VV, FOURTH = np.split(second_derivatives(), [16])
+SECONDS = np.concatenate([UU_AND_VV, tensor(QUADRATIC_SLOPES, QUADRATIC_SLOPES)])
 OF_SECONDS = slice(0, 8), slice(8, 16), slice(16, 25)
-FOURTH = tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE)
 
 # S, S_u and S_v at the middle of a face.
 VALUE, SLOPE = np.array([[1, 23, 23, 1]]) / 48, np.array([[-1, -5, 5, 1]]) / 8

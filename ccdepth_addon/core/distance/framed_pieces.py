@@ -14,7 +14,7 @@ from ..arrays.matrix_products import matrix_product
 from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import component_major, cross_products, dot_products, lengths, units
-from ..surface.bicubic import HALVES
+from ..surface.bicubic import QUARTERS
 from ..surface.triangle_coefficients import triangle_quarters
 from .piece_hulls import CORNERS_OF, Pieces, all_points, are_alike
 from .shells import Shell
@@ -27,7 +27,7 @@ ROUNDING = 2.0**-40
 
 # The coefficients of a piece's quarters, by the number of coefficients of the piece.
 FINER = {
-    16: np.unique(np.concatenate([np.kron(one, other) for one in HALVES for other in HALVES]), axis=0),
+    16: np.unique(np.concatenate(QUARTERS), axis=0),
     28: np.unique(np.concatenate(triangle_quarters()), axis=0),
 }
 

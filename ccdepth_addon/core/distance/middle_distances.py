@@ -22,6 +22,7 @@ from ..surface.bicubic import (
     tensor,
 )
 from ..surface.evaluation import spline_weights
+from ..surface.squares import SQUARE
 from .foot_bounds import LARGEST_TILT, LEAST_SINE, MIDDLE, MIDDLE_SECONDS, ROUNDING, Turns, likely_distances
 
 # The vertices of a level around the middle of a face, in leaves from the middle on; and for each sample its place, the
@@ -35,7 +36,6 @@ SAMPLES = (
 )
 
 # At level 0 a face is one leaf.
-CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 OF_LEVEL_0 = SAMPLES[:1]
 
 PART = HALVES[0] @ HALVES[1] @ SPLINE_TO_BERNSTEIN
@@ -68,7 +68,7 @@ def middle_distances(nets: FloatArray, rates: FloatArray, level: int, vertices: 
     points = nets.reshape(16, -1, 3)
     size = 0.5**level
     middle = 0.5 if level else 0.0
-    places = middle + size * AROUND if level else CORNERS
+    places = middle + size * AROUND if level else SQUARE
     drawn = transformed_nets(_vertex_rows(places, size, vertices), points)
     samples = SAMPLES[: 4 if vertices is Vertices.CONTROL else 3] if level else OF_LEVEL_0
     there = transformed_nets(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import dot_products, lengths
-from ..surface.bicubic import HALVES
+from ..surface.bicubic import QUARTERS
 from ..surface.triangle_coefficients import triangle_quarters
 from .piece_hulls import Pieces, off_at_equal
 from .shell_bounds import shell_bounds
@@ -37,7 +37,7 @@ class Form:
     quarters: tuple[FloatArray, ...]
 
 
-SQUARE_FORM = Form(np.array([0, 3, 12, 15]), tuple(np.kron(one, other) for one in HALVES for other in HALVES))
+SQUARE_FORM = Form(np.array([0, 3, 12, 15]), QUARTERS)
 TRIANGLE_FORM = Form(np.array([0, 21, 27]), triangle_quarters())
 HULL_FORM = Form(np.zeros(0, dtype=np.intp), ())
 

@@ -23,6 +23,9 @@ SPLINE_HALVES = (
     np.array([[1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1], [0, 0, 4, 4]]) / 8,
 )
 
+# (16, 16) each: the Bernstein coefficients of a patch's quarters at corners 0, 3, 1 and 2.
+QUARTERS = tuple(np.kron(one, other) for one in HALVES for other in HALVES)
+
 # The coefficients at corners 0 to 3 of a face, and the points of its net there.
 CORNERS = np.array([0, 12, 15, 3])
 NET_CORNERS = np.array([5, 9, 10, 6])
@@ -39,6 +42,16 @@ def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
 def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
     """(a · b, 16): the tensor products of all pairs of rows of (a, 4) and (b, 4)."""
     return np.einsum("ai,bj->abij", along_u, along_v).reshape(-1, 16)
+
+
+def cubic_blossoms(arguments: FloatArray) -> FloatArray:
+    """(4, n): the weights of a cubic's Bernstein coefficients over [0, 1] in its blossom at arguments (3, n)."""
+    weights = np.zeros((4, arguments.shape[1]))
+    weights[0] = 1.0
+    for argument in arguments:
+        # Each step takes in one argument; the last weight is still none before the last of them.
+        weights = (1 - argument) * weights + argument * np.roll(weights, 1, axis=0)
+    return weights
 
 
 def largest_norm(vectors: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from math import comb
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from .bicubic import tensor
+from .bicubic import cubic_blossoms, tensor
 
 DEGREE = 6
 
@@ -46,20 +46,10 @@ def _ways_to_share() -> FloatArray:
     return ways.reshape(len(ways), -1).astype(np.float64)
 
 
-def _cubic_blossoms(arguments: FloatArray) -> FloatArray:
-    """(N, 4): the blossom of a cubic at arguments (N, 3), by its Bernstein coefficients over [0, 1]."""
-    weights = np.zeros((len(arguments), 4))
-    weights[:, 0] = 1.0
-    for argument in arguments.T[:, :, None]:
-        # Each step takes in one argument; the last weight is still none before the last of them.
-        weights = (1 - argument) * weights + argument * np.roll(weights, 1, axis=1)
-    return weights
-
-
 def bicubic_basis(points: FloatArray) -> FloatArray:
     """(N, 16): the bicubic Bernstein basis at parameters (N, 2)."""
-    along, across = (_cubic_blossoms(np.repeat(each[:, None], 3, axis=1)) for each in points.T)
-    return np.einsum("ni,nj->nij", along, across).reshape(len(points), 16)
+    along, across = (cubic_blossoms(np.stack([each] * 3)) for each in points.T)
+    return np.einsum("in,jn->nij", along, across).reshape(len(points), 16)
 
 
 def coefficients_over(part: FloatArray) -> FloatArray:
@@ -74,8 +64,8 @@ def coefficients_over(part: FloatArray) -> FloatArray:
 @lru_cache(maxsize=4096)
 def _coefficients_over(places: tuple[float, ...]) -> FloatArray:
     """The coefficients by the parameters of the triangle's vertices: squares of a quad are cut alike in their own."""
-    along, across = (_cubic_blossoms(each[arguments_of(3)]) for each in np.array(places).reshape(3, 2).T)
-    return _ways_to_share() @ tensor(along, across) / comb(6, 3)
+    along, across = (cubic_blossoms(each[arguments_of(3).T]) for each in np.array(places).reshape(3, 2).T)
+    return _ways_to_share() @ tensor(along.T, across.T) / comb(6, 3)
 
 
 def triangle_quarters() -> tuple[FloatArray, ...]:
