@@ -55,8 +55,7 @@ def _to_hide(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
-    """The source of a result; for any other object, its results in scenes, of levels of detail the finest. Raises
-    ComputeError if none is left."""
+    """The source of a result; for any other object, its finest results in scenes. Raises ComputeError without any."""
     if not result_record.is_result(blender_object):
         results = [each for each in result_record.results_of(blender_object) if each.users_scene]
         if not results:

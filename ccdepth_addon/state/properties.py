@@ -37,9 +37,6 @@ PRESET_SETTINGS = (
 # In radians: at 5° hardly anyone tells highlights from those of the limit surface.
 DEFAULT_SHADING_ANGLE = radians(5)
 
-DEFAULT_ACCURACY = 0.05
-DEFAULT_TIME_LIMIT = 60.0
-
 TOLERANCE_DESCRIPTION = "Largest distance allowed between the subdivided faces and the limit surface"
 
 TOLERANCE_MODES = (
@@ -437,12 +434,12 @@ class MeasureProperties:
     accuracy: FloatProperty(
         name="Accuracy",
         description="The largest difference of proved and reached distance, as a fraction of the reached distance",
-        default=DEFAULT_ACCURACY,
+        default=0.05,
     )
     time_limit: FloatProperty(
         name="Time Limit",
         description="Seconds after which the measurement ends, with the distance proved by then; 0 for no limit",
-        default=DEFAULT_TIME_LIMIT,
+        default=60.0,
         min=0.0,
         soft_max=3600.0,
         step=1000,

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.modifiers import counted_modifiers, has_own_keys
+from ..exchange.modifiers import counted_modifiers
 from ..state import known, out_of_date, result_record
 from ..state.chosen import chosen
 from .facts import angles_fact, count_fact, counts_of, draw_facts, facts_of, made_objects, short_count
@@ -41,7 +41,6 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
         column.prop(settings, "facet_angle")
         draw_variation(column, context)
         column.prop(settings, "reduce")
-        _draw_keys_line(column, context)
         budget = column.row(align=True)
         # What Reduce saves is known once it has run.
         budget.prop(settings, "face_budget", text="Before Reduce" if settings.reduce else "Budget")
@@ -97,14 +96,6 @@ def _draw_applied(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         names = ["the pose" if each.type == "ARMATURE" else each.name for each in applied]
         if names:
             layout.label(text=f"Applies {', '.join(names)}", icon="MODIFIER", translate=False)
-
-
-def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    settings, active = context.scene.ccdepth, context.active_object
-    if not settings.reduce or active is None or active.type != "MESH":
-        return
-    if has_own_keys(active, use_modifiers=settings.use_modifiers):
-        draw_alert(layout, "Reduce cannot keep shape keys")
 
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import bpy
 
 from ..state import mesh_values, out_of_date
@@ -14,7 +12,7 @@ from ..state.still_holds import UNCHECKED, is_own, measured_object, measured_to_
 from ..tasks.surfaces import ComputeError
 from .facts import draw_facts, facts_of_measurement
 from .panels import NOT_CHECKED, draw_main_button, draw_state_line
-from .sidebar import SidebarPanel, settings_column
+from .sidebar import SidebarPanel, closed_panel, settings_column
 
 # The icon and the text of each verdict.
 VERDICTS = {
@@ -32,12 +30,9 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
         holder = _measured(context)
         if holder is None:
             return
-        layout, mesh = self.layout, holder.data
-        verdict = mesh.ccdepth.measurement.verdict
-        icon, _ = VERDICTS[verdict]
-        if stale_line(context.scene.ccdepth, mesh):
-            icon = "ERROR"
-        row = layout.row()
+        verdict, stale = holder.data.ccdepth.measurement.verdict, stale_line(context.scene.ccdepth, holder.data)
+        icon = "ERROR" if stale else VERDICTS[verdict][0]
+        row = self.layout.row()
         row.alert = icon in {"CANCEL", "ERROR"}
         # In a narrow panel a word would stand over the title.
         row.label(text="", icon=icon)
@@ -50,17 +45,11 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
             _draw_measurement(layout, context, measured)
         else:
             _draw_pair(layout, *_plan(context))
-
-
-class CCDEPTH_PT_check_options(SidebarPanel, bpy.types.Panel):
-    bl_label = "Options"
-    bl_parent_id = "CCDEPTH_PT_check"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column, settings = settings_column(self.layout), context.scene.ccdepth
-        column.prop(settings, "shown_accuracy")
-        column.prop(settings, "time_limit")
+        body = closed_panel(layout, "CCDEPTH_check_options", "Options")
+        if body is not None:
+            column = settings_column(body)
+            column.prop(context.scene.ccdepth, "shown_accuracy")
+            column.prop(context.scene.ccdepth, "time_limit")
 
 
 def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -135,4 +124,4 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     return "" if is_same else "Out of date: settings changed"
 
 
-register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_check, CCDEPTH_PT_check_options))
+register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_check,))

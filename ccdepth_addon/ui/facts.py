@@ -18,7 +18,7 @@ from ..state.heat_map import Shown
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..tasks.deviation_task import Verdict
 from .lengths import DEGREES, DIGITS, Rounding, Unit, bound_texts, common_unit, count_text, length_text, number_text
-from .sidebar import NAME_PART
+from .sidebar import NAME_PART, closed_panel
 
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
@@ -54,8 +54,7 @@ def draw_facts(layout: bpy.types.UILayout, facts: Sequence[Fact], panel: str = "
     _draw_rows(layout, [fact for fact in facts if not fact.is_detail])
     details = [fact for fact in facts if fact.is_detail]
     if details:
-        header, body = layout.panel(f"CCDEPTH_{panel}_details", default_closed=True)
-        header.label(text="Details")
+        body = closed_panel(layout, f"CCDEPTH_{panel}_details", "Details")
         if body is not None:
             _draw_rows(body, details)
 

@@ -34,9 +34,6 @@ NOT_CHECKED = "Not checked since opening"
 
 UP_TO_DATE = "Up to date"
 
-# In a narrower sidebar the manual's icon would stand over the title; in pixels at an interface scale of 1.
-ROOM_FOR_MANUAL = 200
-
 # The largest length of the list of several objects.
 MOST_OBJECTS = 8
 
@@ -47,7 +44,8 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
     bl_label = "CC Depth"
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
-        if context.region.width > ROOM_FOR_MANUAL * context.preferences.system.ui_scale:
+        # In a narrow sidebar it would stand over the title.
+        if context.region.width > 200 * context.preferences.system.ui_scale:
             draw_manual_button(self.layout, text="", emboss=False)
         CCDEPTH_PT_tolerance_presets.draw_panel_header(self.layout)
 
@@ -82,7 +80,6 @@ class CCDEPTH_PT_heat_map(bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         column, settings = settings_column(self.layout), context.scene.ccdepth
-        column.prop(settings, "heat_map")
         column.prop(settings, "heat_map_opacity")
         column.prop(settings, "distance_range")
         if settings.distance_range == "FIXED":

@@ -34,6 +34,13 @@ def settings_column(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     return column
 
 
+def closed_panel(layout: bpy.types.UILayout, name: str, label: str) -> bpy.types.UILayout | None:
+    """The body of a panel within a panel, closed at first; None while it is closed."""
+    header, body = layout.panel(name, default_closed=True)
+    header.label(text=label)
+    return body
+
+
 def draw_alert(layout: bpy.types.UILayout, text: str) -> None:
     """A line in red."""
     row = layout.row()
@@ -59,10 +66,9 @@ class Run:
 
     def draw(self, layout: bpy.types.UILayout) -> None:
         """Add the stage as a bar, or with a ring."""
-        if self.fraction is None:
-            layout.progress(text=self.text, factor=perf_counter() / SECONDS_A_TURN % 1.0, type="RING")
-        else:
-            layout.progress(text=self.text, factor=self.fraction, type="BAR")
+        turn = perf_counter() / SECONDS_A_TURN % 1.0
+        factor, shape = (turn, "RING") if self.fraction is None else (self.fraction, "BAR")
+        layout.progress(text=self.text, factor=factor, type=shape)
 
 
 # The run that a button started.

@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import islice, product
 from unittest.mock import Mock
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -103,6 +104,16 @@ def test_single_precision_is_counted_in() -> None:
     [result] = subdivide(holder)
     addon.measure(result, holder)
     assert result.data.ccdepth.deviation_reached <= addon.bounds(result).max() <= np.float32(TOLERANCE)
+
+
+def test_a_cube_keeps_a_third_of_its_volume() -> None:
+    """As the manual says."""
+    [result] = subdivide(scene.add_object(meshes.cube()), tolerance=0.001)
+    mesh = bmesh.new()
+    mesh.from_mesh(result.data)
+    # Sides of 2; the manual rounds.
+    assert mesh.calc_volume() == pytest.approx(8 / 3, rel=0.05)
+    mesh.free()
 
 
 def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
