@@ -22,8 +22,8 @@ Between two frames a part is taken to be anywhere in the box around its boxes on
 both, and the focal length to be no more than the longer one. Positions that a camera's matrix makes ``stretch`` times
 as long have 1 / stretch of the distance.
 
-A smaller box, or fewer frames, have no smaller ε: the depth is no less, r no more, and off screen ε is no less than in
-the image, as a distance is no less than its depth.
+A smaller box has no smaller ε: the depth is no less, r no more, and off screen ε is no less than in the image, as a
+distance is no less than its depth. Nor has one frame of two.
 """
 
 from __future__ import annotations
@@ -112,7 +112,6 @@ class Pixels:
 @dataclass(frozen=True)
 class _Seen:
     """N parts of a surface as a camera sees them on K frames. low, high: (3, K, N), boxes in the camera's space.
-    inner_low, inner_high: (3, K, N), for parts in several boxes the greatest low ends and the least high ends of these.
     window: (2, 2, K, 1), the tangents of the least and greatest places in the image with its margin, x first; of an
     orthographic camera, lengths. (K, 1) each: is_perspective, focal and near, as of ``View``; stretch: how many times
     as long lengths are in the camera's space, at most."""
@@ -124,8 +123,6 @@ class _Seen:
     window: FloatArray
     low: FloatArray
     high: FloatArray
-    inner_low: FloatArray
-    inner_high: FloatArray
 
     @staticmethod
     def of(views: Sequence[View], low: FloatArray, high: FloatArray) -> _Seen:
@@ -147,21 +144,19 @@ class _Seen:
             window=ends.swapaxes(1, 2)[..., None],
             low=low,
             high=high,
-            inner_low=low,
-            inner_high=high,
         )
 
     def over_frames(self, off_screen: float) -> tuple[FloatArray, FloatArray]:
         """(N,) twice: as of ``Pixels.extremes``, as lengths; the greatest ones on the frames with the least ones."""
         if len(self.focal) == 1:
-            return self._extremes(off_screen)
-        one, other = self._frames(slice(None, -1)), self._frames(slice(1, None))
-        found = one._joined(other)._extremes(off_screen)
-        if np.all(one.is_perspective == other.is_perspective):
-            return found
-        # A camera may change between perspective and orthographic.
-        least, greatest = map(np.minimum, found, other._joined(one)._extremes(off_screen))
-        return least, greatest
+            lengths = self._least(off_screen)
+        else:
+            one, other = self._frames(slice(None, -1)), self._frames(slice(1, None))
+            lengths = one._joined(other)._least(off_screen)
+            # A camera may change between perspective and orthographic.
+            if np.any(one.is_perspective != other.is_perspective):
+                lengths = np.minimum(lengths, other._joined(one)._least(off_screen))
+        return lengths.min(axis=0), self._frames(lengths.argmin(axis=0))._greatest(off_screen)[0]
 
     def _frames(self, chosen: slice | IndexArray) -> _Seen:
         """The parts on some frames; or each part on a frame of its own, (N,)."""
@@ -187,22 +182,19 @@ class _Seen:
             window=np.stack([np.minimum(*windows)[0], np.maximum(*windows)[1]]),
             low=np.minimum(self.low, other.low),
             high=np.maximum(self.high, other.high),
-            inner_low=np.maximum(self.low, other.low),
-            inner_high=np.minimum(self.high, other.high),
         )
 
-    def _extremes(self, off_screen: float) -> tuple[FloatArray, FloatArray]:
-        nearest = np.maximum(np.maximum(self.low, -self.high), 0)
+    def _least(self, off_screen: float) -> FloatArray:
+        """(K, N): no more than the lengths at all points of the parts."""
         are_outside = self._are_outside(self.high, self.low, np.minimum, np.maximum)
-        least = self._lengths(self.low[2], np.maximum(-self.low, self.high), nearest, are_outside, off_screen)
-        own = self._frames(least.argmin(axis=0))
-        return least.min(axis=0), own._greatest(off_screen)[0]
+        nearest, farthest = np.maximum(np.maximum(self.low, -self.high), 0), np.maximum(-self.low, self.high)
+        return self._lengths(self.low[2], farthest, nearest, are_outside, off_screen)
 
     def _greatest(self, off_screen: float) -> FloatArray:
-        nearest = np.maximum(np.maximum(self.inner_low, -self.inner_high), 0)
-        may_be_outside = self._are_outside(self.inner_low, self.inner_high, np.maximum, np.minimum)
-        farthest = np.maximum(-self.low, self.high)
-        return self._lengths(self.inner_high[2], nearest, farthest, may_be_outside, off_screen)
+        """(K, N): no less than the lengths at all points of the parts."""
+        may_be_outside = self._are_outside(self.low, self.high, np.maximum, np.minimum)
+        nearest, farthest = np.maximum(np.maximum(self.low, -self.high), 0), np.maximum(-self.low, self.high)
+        return self._lengths(self.high[2], nearest, farthest, may_be_outside, off_screen)
 
     def _lengths(
         self, depths: FloatArray, asides: FloatArray, ways: FloatArray, are_outside: BoolArray, off_screen: float
