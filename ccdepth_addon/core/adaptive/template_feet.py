@@ -82,11 +82,11 @@ def _constants_around(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, Float
 def _nets(coefficients: FloatArray) -> tuple[FloatArray, BoolArray]:
     """(16, 3, n): the nets of bicubic leaves with coefficients (16, n, 3), relative to their middles; and (n,) bool:
     whether leaves are large enough for their coordinates."""
-    columns = coefficients.swapaxes(1, 2).reshape(16, -1)
+    vectors = coefficients.swapaxes(1, 2)
     # Differences come first: differences of near values are exact.
-    local = columns - columns[:1]
-    largest, size = (np.abs(each).max(axis=0).reshape(3, -1).max(axis=0) for each in (columns, local))
+    local = vectors - vectors[:1]
+    largest, size = (np.abs(each).max(axis=(0, 1)) for each in (vectors, local))
     nets = matrix_product(BERNSTEIN_TO_NET, local)
-    nets = (nets - matrix_product(MIDDLE[:1], nets)).reshape(16, 3, -1)
+    nets -= matrix_product(MIDDLE[:1], nets)
     are_large: BoolArray = size >= LEAST_SIZE * largest
     return nets, are_large

@@ -17,8 +17,9 @@ ON_ONE_THREAD = 1 << 18
 
 
 def matrix_product(matrix: FloatArray, columns: FloatArray) -> FloatArray:
-    """(rows, N) = (rows, k) @ (k, N), in chunks of columns."""
-    result = np.empty((len(matrix), columns.shape[1]))
-    for chunk in chunks(columns.shape[1], max(1, ON_ONE_THREAD // matrix.size)):
-        np.matmul(matrix, columns[:, chunk], out=result[:, chunk])
-    return result
+    """(rows, …) = (rows, k) @ (k, …), in chunks of columns."""
+    flat = columns.reshape(len(columns), -1)
+    result = np.empty((len(matrix), flat.shape[1]))
+    for chunk in chunks(flat.shape[1], max(1, ON_ONE_THREAD // matrix.size)):
+        np.matmul(matrix, flat[:, chunk], out=result[:, chunk])
+    return result.reshape(len(matrix), *columns.shape[1:])

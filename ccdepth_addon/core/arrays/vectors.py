@@ -35,8 +35,7 @@ def joined_vectors(vectors: Sequence[FloatArray]) -> FloatArray:
 
 def transformed_nets(matrix: FloatArray, nets: FloatArray) -> FloatArray:
     """(R, P, 3), component-major: the rows of a matrix (R, N) as combinations of the points of nets (N, P, 3)."""
-    columns = nets.swapaxes(1, 2).reshape(len(nets), -1)
-    return matrix_product(matrix, columns).reshape(len(matrix), 3, -1).swapaxes(1, 2)
+    return matrix_product(matrix, nets.swapaxes(1, 2)).swapaxes(1, 2)
 
 
 def squared_norms(vectors: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays.matrix_products import matrix_product
 from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
 from ..bounds.facet_bounds import LaterBounds, later_bounds
@@ -15,7 +16,7 @@ from ..distance.foot_bounds import twists
 from ..surface.bicubic import FIRST_DIFFERENCE, apply, largest_norm, tensor
 from ..surface.parts import Parts
 from ..surface.patches import ring_index
-from ..surface.stencils import apply_stencils, child_at_vertex, patch_stencils, regular_children, valence_of
+from ..surface.stencils import child_at_vertex, patch_stencils, regular_children, valence_of
 from .tolerance import ToleranceTest
 
 # (9, 16): the mixed differences of a net. Those of points j levels later are averages of these, times 4⁻ʲ.
@@ -79,7 +80,7 @@ class ExtraordinaryPatches(Table, nets=1):
     def corners(self, vertices: Vertices) -> FloatArray:
         """(4, P, 3): the corners of their facets, in the face's order."""
         if vertices is Vertices.LIMIT:
-            return apply_stencils(patch_stencils(valence_of(self.nets)).limits, self.nets)
+            return matrix_product(patch_stencils(valence_of(self.nets)).limits, self.nets)
         return self.nets[[0, *(ring_index(valence_of(self.nets), number) for number in (6, 5, 4))]]
 
     def refined(self) -> tuple[ExtraordinaryPatches, Parts]:

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.chunks import chunks
+from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from ..surface.bicubic import CORNERS, HALVES, NET_TO_BERNSTEIN
-from ..surface.stencils import apply_stencils, patch_stencils
+from ..surface.stencils import patch_stencils
 
 # The number of levels with regular patches to fit the piece to, and of levels before the rest counts as a whole.
 FITTED_LEVELS, LEVELS = 4, 12
@@ -110,7 +111,7 @@ def _near_columns(valence: int) -> tuple[IndexArray, IndexArray]:
 
 def largest_rest(stencils: PieceStencils, nets: FloatArray, points: FloatArray) -> FloatArray:
     """(P,): the longest rows of rest for nets (2n + 8, P, 3). points: of ``near_points``."""
-    longest: FloatArray = np.sqrt(squared_norms(apply_stencils(stencils.rest, points)).max(axis=0))
+    longest: FloatArray = np.sqrt(squared_norms(matrix_product(stencils.rest, points)).max(axis=0))
     if stencils.ring is None or stencils.centre is None:
         return longest
     valence = (len(nets) - 8) // 2
@@ -130,12 +131,12 @@ def pieces_of_nets(
     points = near_points(nets, valence)
     for chunk in chunks(count, NETS_AT_ONCE):
         apart, piece = (
-            np.sqrt(squared_norms(apply_stencils(rows, points[:, chunk])).max(axis=0))
+            np.sqrt(squared_norms(matrix_product(rows, points[:, chunk])).max(axis=0))
             for rows in (stencils.apart, stencils.piece)
         )
         excess[chunk] = np.maximum(apart, largest_rest(stencils, nets[:, chunk], points[:, chunk]) + piece)
         tick()
-    coefficients, [middles] = (apply_stencils(rows, points) for rows in (stencils.coefficients, stencils.middle))
+    coefficients, [middles] = (matrix_product(rows, points) for rows in (stencils.coefficients, stencils.middle))
     return np.moveaxis(coefficients, 0, 2), middles, excess
 
 
@@ -144,10 +145,10 @@ def children_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatA
     to 3, (P, 3, 3, 16)."""
     first, places, weights = _few_points(valence)
     refined = np.zeros_like(nets)
-    refined[0] = apply_stencils(first, nets)[0]
+    refined[0] = matrix_product(first, nets)[0]
     for which, weight in zip(places, weights, strict=True):
         refined[1:] += weight[:, None, None] * nets[which]
-    regular = apply_stencils(piece_stencils(valence).children, near_points(nets, valence)).reshape(3, 16, -1, 3)
+    regular = matrix_product(piece_stencils(valence).children, near_points(nets, valence)).reshape(3, 16, -1, 3)
     return refined, np.moveaxis(regular, (2, 0, 3, 1), (0, 1, 2, 3))
 
 

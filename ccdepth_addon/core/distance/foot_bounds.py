@@ -167,7 +167,7 @@ class Frame:
     @staticmethod
     def of(nets: FloatArray) -> Frame:
         """The frames of regular faces with nets (16, 3, P)."""
-        middle, along_u, along_v = matrix_product(MIDDLE, nets.reshape(16, -1)).reshape(3, *nets.shape[1:])
+        middle, along_u, along_v = matrix_product(MIDDLE, nets)
         normal = crosses(along_u, along_v)
         square, squares = products(normal, normal), np.stack([products(along_u, along_u), products(along_v, along_v)])
         has_normal = square > LEAST_SINE**2 * squares[0] * squares[1]
@@ -177,10 +177,10 @@ class Frame:
         )
         local = along_axes(axes, nets - middle)
         rounding = ROUNDING * np.maximum(local.max(axis=0), -local.min(axis=0))
-        second = matrix_product(SECONDS, local.reshape(16, -1)).reshape(-1, *middle.shape)
+        second = matrix_product(SECONDS, local)
         highest = np.stack([second[some].max(axis=0) for some in OF_SECONDS]) + rounding
         lowest = np.stack([second[some].min(axis=0) for some in OF_SECONDS]) - rounding
-        fourth = np.abs(matrix_product(FOURTH, local.reshape(16, -1))).max(axis=0).reshape(middle.shape) + rounding
+        fourth = np.abs(matrix_product(FOURTH, local)).max(axis=0) + rounding
         # Both parameters of every point of a face are within half a face of the middle.
         largest = np.maximum(highest, -lowest)
         (xi_u, xi_v), (eta_u, eta_v) = ((largest[:2, component] + largest[2, component]) / 2 for component in (1, 2))
@@ -286,22 +286,22 @@ def twists(nets: FloatArray) -> FloatArray:
     frame = Frame.of(nets)
     highest = along_normals(frame.largest[2], frame.tilts) / 2
     points = nets - nets[5]
-    mixed = matrix_product(SECONDS[OF_SECONDS[2]], points.reshape(16, -1)).reshape(-1, *nets.shape[1:])
-    longest = np.sqrt((mixed * mixed).sum(axis=1).max(axis=0)) / 4 + ROUNDING * np.abs(points).max(axis=(0, 1))
+    longest = _longest(SECONDS[OF_SECONDS[2]], points) / 4 + ROUNDING * np.abs(points).max(axis=(0, 1))
     return np.where(frame.is_known, np.minimum(highest, longest), longest) * (1 + ROUNDING)
+
+
+def _longest(rows: FloatArray, points: FloatArray) -> FloatArray:
+    """(P,): the longest of the combinations, by rows (R, 16), of points (16, 3, P)."""
+    vectors = matrix_product(rows, points)
+    return np.sqrt((vectors * vectors).sum(axis=1).max(axis=0))
 
 
 def equal_bounds(nets: FloatArray, vertices: Vertices) -> FloatArray:
     """(P,): bounds of ‖e‖ at equal parameters over regular faces with nets (16, 3, P), with either diagonal; multiply
     by 4⁻ʲ for level j."""
     points = nets - nets[5]
-
-    def largest(rows: FloatArray) -> FloatArray:
-        vectors = matrix_product(rows, points.reshape(16, -1)).reshape(-1, *nets.shape[1:])
-        return np.sqrt((vectors * vectors).sum(axis=1).max(axis=0))
-
-    uu, vv, uv = (largest(SECONDS[some]) for some in OF_SECONDS)
+    uu, vv, uv = (_longest(SECONDS[some], points) for some in OF_SECONDS)
     bounds = (uu + vv) / 8 + uv / 4
     if vertices is Vertices.CONTROL:
-        bounds = bounds + (uu + vv) / 6 + largest(FOURTH) / 36
+        bounds = bounds + (uu + vv) / 6 + _longest(FOURTH, points) / 36
     return bounds * (1 + ROUNDING) + ROUNDING * np.abs(points).max(axis=(0, 1))

@@ -64,12 +64,12 @@ def leaf_feet(
     the largest distance at points of the triangles, without proof. curvature, speed: (P,), κ and α of all of the
     surface within reach of feet.
     """
-    nets = nets - matrix_product(MIDDLE[:1], nets.reshape(16, -1)).reshape(1, *nets.shape[1:])
+    nets = nets - matrix_product(MIDDLE[:1], nets)
     along, reach, reached = np.zeros((3, nets.shape[2]))
     rounding = ROUNDING * np.abs(nets).max(axis=(0, 1))
     for quarter in _quarters(vertices):
-        frame = Frame.of(matrix_product(quarter.net, nets.reshape(16, -1)).reshape(nets.shape))
-        errors = matrix_product(quarter.errors, nets.reshape(16, -1)).reshape(-1, *nets.shape[1:])
+        frame = Frame.of(matrix_product(quarter.net, nets))
+        errors = matrix_product(quarter.errors, nets)
         squares = (errors * errors).sum(axis=1)
         components = np.abs(along_axes(frame.axes, errors))
         np.maximum(reached, components[: quarter.ends, 0].max(axis=0), out=reached)

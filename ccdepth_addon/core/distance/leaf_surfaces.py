@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 
+from ..arrays.matrix_products import matrix_product
 from ..arrays.ranges import ranges
 from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
@@ -26,7 +27,6 @@ from ..surface.refinement import Refinement
 from ..surface.squares import SQUARE, TURNS, Squares
 from ..surface.stencils import (
     LARGEST_STENCIL_VALENCE,
-    apply_stencils,
     by_valence,
     child_at_vertex,
     regular_children,
@@ -64,7 +64,7 @@ def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
         regular, extraordinary, rest = by_valence(mesh, np.arange(len(refinement.bases)), classify_patches(mesh))
         if len(regular):
             nets = regular_nets(mesh, regular).reshape(16, -1, 3)
-            yield Tiles(squares.at(regular), apply_stencils(NET_TO_BERNSTEIN, nets))
+            yield Tiles(squares.at(regular), matrix_product(NET_TO_BERNSTEIN, nets))
         for valence, chosen, corners in extraordinary:
             nets, own = extraordinary_nets(mesh, corners, valence), _from_corners(squares.at(chosen), corners % 4)
             yield from _tiles_around_vertex(nets, own, 0 if is_last else levels)
@@ -128,6 +128,6 @@ def _tiles_around_vertex(nets: FloatArray, squares: Squares, levels: int) -> Ite
     for _ in range(min(levels, MOST_LEVELS_3) if valence_of(nets) == 3 else levels):
         children, first = squares.children(), 4 * np.arange(nets.shape[1])
         own = children.at((first + np.arange(1, 4)[:, None]).ravel())
-        yield Tiles(own, apply_stencils(NET_TO_BERNSTEIN, regular_children(nets).reshape(16, -1, 3)))
+        yield Tiles(own, matrix_product(NET_TO_BERNSTEIN, regular_children(nets).reshape(16, -1, 3)))
         nets, squares = child_at_vertex(nets), children.at(first)
     yield Tiles(squares, nets, are_bicubic=False)

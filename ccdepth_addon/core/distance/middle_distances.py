@@ -102,14 +102,14 @@ def most_curved_parts(nets: FloatArray) -> FloatArray:
     for part in range(16):
         own = np.flatnonzero(chosen == part)
         if len(own):
-            found[:, :, own] = matrix_product(PART_NETS[part], nets[:, :, own].reshape(16, -1)).reshape(4, 4, -1, 3)
+            found[:, :, own] = matrix_product(PART_NETS[part], nets[:, :, own].reshape(16, -1, 3)).reshape(4, 4, -1, 3)
     return found
 
 
 def part_seconds(nets: FloatArray) -> FloatArray:
     """(3, 16, P): S_uu, S_vv and S_uv along the normals at the middles of the 16 parts of faces with nets (16, 3, P),
     for parameters with one unit for the face."""
-    along_u, along_v, *seconds = matrix_product(PART_MIDDLES, nets.reshape(16, -1)).reshape(5, 16, *nets.shape[1:])
+    along_u, along_v, *seconds = matrix_product(PART_MIDDLES, nets).reshape(5, 16, *nets.shape[1:])
     normals = along_u[:, [1, 2, 0]] * along_v[:, [2, 0, 1]] - along_u[:, [2, 0, 1]] * along_v[:, [1, 2, 0]]
     lengths = np.sqrt((normals * normals).sum(axis=1))
     found = np.stack([(each * normals).sum(axis=1) for each in seconds])

@@ -36,7 +36,7 @@ GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
 def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
     """(rows, P, 3): the values of functionals (rows, 16) on nets (4, 4, P, 3)."""
-    return matrix_product(functionals, net.reshape(16, -1)).reshape(len(functionals), -1, 3)
+    return matrix_product(functionals, net.reshape(16, -1, 3))
 
 
 def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:

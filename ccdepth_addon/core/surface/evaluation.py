@@ -22,6 +22,7 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks
 from ..arrays.masks import mask
+from ..arrays.matrix_products import matrix_product
 from ..arrays.tables import Table
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
@@ -29,7 +30,7 @@ from ..mesh.submesh import submesh
 from .catmull_clark import subdivide
 from .limit_positions import limit_positions
 from .patches import classify_patches, extraordinary_nets, regular_nets
-from .stencils import apply_stencils, by_valence, child_at_vertex, patch_stencils, regular_children, valence_of
+from .stencils import by_valence, child_at_vertex, patch_stencils, regular_children, valence_of
 from .surface_points import SurfacePoints
 
 
@@ -64,7 +65,7 @@ class _Values:
         return spline_sums(nets, which, spline_weights(parameters[:, 0]), spline_weights(parameters[:, 1]))
 
     def at_extraordinary_vertices(self, nets: FloatArray) -> FloatArray:
-        return apply_stencils(patch_stencils(valence_of(nets)).limits[:1], nets)[0]
+        return matrix_product(patch_stencils(valence_of(nets)).limits[:1], nets)[0]
 
     def at_vertices(self, mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
         vertices = mesh.corner_vertices[corners]

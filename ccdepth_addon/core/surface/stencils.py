@@ -74,19 +74,14 @@ def patch_stencils(valence: int) -> PatchStencils:
     )
 
 
-def apply_stencils(stencils: FloatArray, nets: FloatArray) -> FloatArray:
-    """(rows, P, 3): stencils (rows, N) applied to nets (N, P, 3)."""
-    return matrix_product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])
-
-
 def child_at_vertex(nets: FloatArray) -> FloatArray:
     """(2n + 8, P, D): the nets of the children at the extraordinary vertices of nets (2n + 8, P, D)."""
-    return apply_stencils(patch_stencils(valence_of(nets)).refined, nets)
+    return matrix_product(patch_stencils(valence_of(nets)).refined, nets)
 
 
 def regular_children(nets: FloatArray) -> FloatArray:
     """(4, 4, 3P, D): the nets of the other children, child after child, at V₆, V₅ and V₄."""
-    children = apply_stencils(patch_stencils(valence_of(nets)).regular, nets).reshape(3, 16, *nets.shape[1:])
+    children = matrix_product(patch_stencils(valence_of(nets)).regular, nets).reshape(3, 16, *nets.shape[1:])
     return children.swapaxes(0, 1).reshape(4, 4, -1, nets.shape[2])
 
 
