@@ -176,7 +176,7 @@ def test_bounds_are_those_of_leaves_as_they_are_in_the_end(name: str) -> None:
     leaves = plan.tree.leaves()
     before = plan.bounds(leaves)
     assert np.any(plan.at_equal.values[leaves] > plan.request.limit)
-    plan.by_feet.values[leaves] = plan.along_surface.values[leaves] = np.inf
+    plan.along_surface.values[leaves] = np.inf
     plan.is_stale.values[leaves] = True
     assert not len(unbounded(plan))
     # Pieces are looked at in other company: a matrix product may be rounded otherwise.

@@ -2,6 +2,7 @@
 """Places in shells, piece by piece: pieces moved anywhere, against distances by quadratic programming."""
 
 from itertools import combinations_with_replacement
+from math import comb
 
 import numpy as np
 import pytest
@@ -9,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccdepth_addon.core.distance.leaf_surfaces import support_points
-from ccdepth_addon.core.distance.piece_hulls import Pieces
+from ccdepth_addon.core.distance.piece_hulls import SIDES, Pieces
 from ccdepth_addon.core.distance.pieces import TRIANGLE_FORM
 from ccdepth_addon.core.distance.shell_bounds import shell_bounds
 from ccdepth_addon.core.distance.shells import JoinedTriangles, Shell
-from ccdepth_addon.core.distance.side_bounds import raised_at_sides
+from ccdepth_addon.core.distance.side_bounds import Beside, raised_at_sides
 from ccdepth_addon.core.mesh.level_quads import QUAD_TRIANGLES
 from ccdepth_addon.core.surface.triangle_coefficients import bicubic_basis
 from tests import meshes
@@ -32,6 +33,9 @@ PARTS = np.array(
         [[0.4, 0.3, 0.3], [0.3, 0.4, 0.3], [0.3, 0.3, 0.4]],
     ]
 )
+
+# The places of the Bernstein coefficients of total degree 6.
+DEGREE_6 = [[each.count(corner) / 6 for corner in range(3)] for each in combinations_with_replacement(range(3), 6)]
 
 
 def landscape(bumps: float, seed: int, limit: float = 1.0, away: float = 0.0) -> Shell:
@@ -125,20 +129,47 @@ def test_most_pieces_that_are_near_have_places() -> None:
 
 
 @pytest.mark.parametrize("away", [0.0, 1e6])
-def test_ways_from_sides_beside_equal_parameters_count(away: float) -> None:
+@pytest.mark.parametrize("by_maps", [False, True])
+def test_ways_from_sides_to_another_comparison_count(by_maps: bool, away: float) -> None:
     """Also where points that are drawn on a side are off it by more than its size tells, being far from the origin."""
     shell, lift = landscape(0.05, 3, away=away), 0.1
     count = len(shell.triangles.vertices)
     corners, normals = shell.triangles.corners[:count], shell.triangles.normals[:count]
-    places = [[each.count(corner) / 6 for corner in range(3)] for each in combinations_with_replacement(range(3), 6)]
-    flats = np.array(places) @ corners
+    flats = np.array(DEGREE_6) @ corners
     lifted = (flats + lift * normals[:, None]).swapaxes(0, 1)
     pieces = Pieces(np.arange(count), lifted, flats.swapaxes(0, 1)).divided(TRIANGLE_FORM.quarters)
-    off_beyond = np.where(shell.triangles.is_closed, np.inf, 1.0)
-    found = raised_at_sides(shell, pieces, np.zeros(4 * count), off_beyond).reshape(4, count)
+    is_open = ~shell.triangles.is_closed
+    beside = Beside(np.where(is_open & (not by_maps), 1.0, np.inf), is_open & by_maps)
+    found = raised_at_sides(shell, pieces, np.zeros(4 * count), beside).reshape(4, count)
     # Three quarters of a triangle are at each side together, two of them at one side.
     is_raised = found[:3] >= lift / 2
-    assert np.all(is_raised[:, np.isfinite(off_beyond).all(axis=1)])
+    assert np.all(is_raised[:, is_open.all(axis=1)])
+
+
+@pytest.mark.parametrize(("bumps", "size"), [(0.0, 0.3), (0.1, 0.05), (0.1, 0.2), (0.3, 0.1)])
+def test_ways_from_all_of_a_side_to_a_map_are_near_the_two_triangles_there(bumps: float, size: float) -> None:
+    """Of surfaces that are bent any way between the triangles' corners, of total degree 6."""
+    shell, generator = landscape(bumps, 7), np.random.default_rng(8)
+    triangles, count = shell.triangles, len(shell.triangles.vertices)
+    flats = (np.array(DEGREE_6) @ triangles.corners[:count]).swapaxes(0, 1)
+    moved = generator.normal(size=flats.shape) * size * generator.random((count, 1)) ** 2
+    moved[[0, 21, 27]] = 0.0
+    pieces = Pieces(np.arange(count), flats + moved, flats)
+    found = raised_at_sides(shell, pieces, np.zeros(count), Beside(np.full((count, 3), np.inf), ~triangles.is_closed))
+    inner = np.flatnonzero(~triangles.is_closed.any(axis=1) & np.isfinite(found))
+    assert len(inner) > 3
+    shares = np.linspace(0.0, 1.0, 7)
+    basis = np.stack([comb(6, k) * shares**k * (1 - shares) ** (6 - k) for k in range(7)], axis=1)
+    for own in inner.tolist():
+        for side, (_, _, rows) in enumerate(SIDES[28]):
+            start, end = triangles.corners[own, [side, (side + 1) % 3]]
+            on_side, curve = start + shares[:, None] * (end - start), basis @ pieces.hulls[rows, own]
+            ways = (1 - shares[:, None, None, None]) * on_side[:, None] + shares[:, None, None, None] * curve[
+                :, None, None
+            ]
+            near = triangles.corners[[own, triangles.across[own, side]]].reshape(-1, 3)
+            off = distances(ways.reshape(-1, 3), near, np.arange(6).reshape(2, 3), 0.0)
+            assert off.max() <= found[own] * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("bumps", [0.0, 0.2])

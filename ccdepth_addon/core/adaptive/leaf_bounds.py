@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bounds of the distance between the drawn triangles of leaves and the surface.
 
-A bicubic leaf within the limit at equal parameters has that bound, and otherwise a bound by feet on the surface
-(``template_feet``). All other leaves have bounds by places in a shell (docs/distance.md, Shells), independent of
-parameters. A leaf that is not bicubic and has no places is compared at equal parameters after all. A leaf compared at
-equal parameters, with its own surface, has to be within its own limit; any other leaf has to be within the least limit
-of the leaves around, as its triangles may be near their surface (docs/tolerance.md).
+A bicubic leaf within the limit at equal parameters has that bound, and otherwise a bound by a map onto its own
+triangles (``template_maps``). All other leaves have bounds by places in a shell (docs/distance.md, Shells), independent
+of parameters. A leaf that is not bicubic and has no places is compared at equal parameters after all. A leaf compared
+with its own surface, at equal parameters or by a map, has to be within its own limit; any other leaf has to be within
+the least limit of the leaves around, as its triangles may be near their surface (docs/tolerance.md).
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from ..distance.leaf_surfaces import Tiles, tiles_of
 from ..distance.piece_hulls import Pieces
 from ..distance.pieces import Form, include_at_equal, include_pieces
 from ..distance.shells import Shell
+from ..distance.side_bounds import Beside
 from ..surface.squares import Squares
 from .leaf_approximation import LeafApproximation
 from .leaf_triangles import LeafTriangles
 from .plan import Plan
 from .rings import largest_around, with_rings
 from .surface_pieces import DrawnTiles, half_keys, pieces_of_tiles, quarter_keys
-from .template_feet import bounds_by_feet
+from .template_maps import template_maps
 from .template_rows import bounds_at_equal
 from .templates import template_numbers
 
@@ -44,7 +45,7 @@ TILE_LEVELS = (3, 6, 14)
 PIECES_AT_ONCE, MOST_PIECES = 1 << 13, 1 << 15
 
 # The number of leaves whose tiles are made together, and of leaves compared at equal parameters together.
-LEAVES_AT_ONCE, FEW_LEAVES_AT_ONCE = 1 << 14, 1 << 11
+LEAVES_AT_ONCE, FEW_LEAVES_AT_ONCE, MAPPED_AT_ONCE = 1 << 14, 1 << 11, 1 << 9
 
 # Raises the bounds found (n,) to the bounds of pieces of a form, by the bases (P,) of pieces; infinite beyond the
 # limits (n,).
@@ -57,6 +58,7 @@ def unbounded(plan: Plan) -> IndexArray:
     changed = plan.take_changed()
     if not plan.request.has_angles:
         bound_at_equal(plan, changed)
+    _bound_by_maps(plan, changed)
     plan.is_stale.values[with_rings(plan.tree, changed, RINGS)] = True
     if len(failed := _bound_stale(plan, changed)):
         return failed
@@ -69,21 +71,13 @@ def unbounded(plan: Plan) -> IndexArray:
 def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
     """Bound the stale leaves among some, ascending. Returns the leaves without a bound within the limit."""
     stale = leaves[plan.is_stale.values[leaves]]
-    wanted = stale[np.isinf(plan.at_equal.values[stale])]
+    wanted = stale[np.isinf(plan.at_equal.values[stale]) & np.isinf(plan.mapped.values[stale])]
     if plan.request.has_angles:
         # Leaves paired with their own triangles need no other bound, but for the leaves around that do.
         every = plan.tree.leaves()
         around = with_rings(plan.tree, every[np.isinf(plan.paired.values[every])], 1)
         wanted = np.intersect1d(wanted, around, assume_unique=True)
-    had_feet = np.isfinite(plan.by_feet.values[wanted])
-    plan.by_feet.values[wanted] = bounds_by_feet(plan, wanted)
-    has_feet = np.isfinite(plan.by_feet.values[wanted])
-    # The bound of a leaf depends on whether its neighbours have feet or places.
-    plan.is_stale.values[with_rings(plan.tree, wanted[had_feet != has_feet], 1)] = True
     plan.is_stale.values[stale] = False
-    # Bounds by places hold for the leaves around at the time.
-    plan.along_surface.values[wanted] = np.inf
-    wanted = wanted[~has_feet]
     plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
     failed = wanted[np.isinf(plan.along_surface.values[wanted])]
     others = failed[~plan.surfaces.are_bicubic(failed)]
@@ -102,7 +96,7 @@ def bounds_both_ways(plan: Plan, leaves: IndexArray) -> tuple[FloatArray, FloatA
     both ways, and its largest ratio to the tolerance at the surface. For places in a shell the bounds of the leaves
     around are included, as their surface may be the nearest."""
     found, rounding = plan.bounds(leaves), plan.request.rounding
-    is_own = np.isfinite(np.minimum(plan.at_equal.values[leaves], plan.paired.values[leaves]))
+    is_own = np.isfinite(np.minimum.reduce([each.values[leaves] for each in (plan.at_equal, plan.mapped, plan.paired)]))
     limits = np.where(is_own, plan.limits.values[leaves], plan.limits_around(leaves, 1))
     ratios = (found + rounding) / (limits + rounding)
     around = [largest_around(plan.tree, leaves, each) for each in (found, ratios)]
@@ -116,6 +110,16 @@ def bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
         numbers = template_numbers(drawn.patterns, drawn.alternatives)
         bounds = bounds_at_equal(plan.surfaces.coefficients(some), numbers, limits)
         plan.at_equal.values[some] = np.where(bounds <= limits, bounds, np.inf)
+        plan.report()
+
+
+def _bound_by_maps(plan: Plan, leaves: IndexArray) -> None:
+    """Bound the bicubic leaves among some without a bound at equal parameters by maps onto their own triangles."""
+    leaves = leaves[np.isinf(plan.at_equal.values[leaves]) & plan.surfaces.are_bicubic(leaves)]
+    for some in index_chunks(leaves, MAPPED_AT_ONCE):
+        drawn = plan.approximation(some)
+        numbers = template_numbers(drawn.patterns, drawn.alternatives)
+        plan.mapped.values[some] = template_maps(plan.surfaces.coefficients(some), numbers, plan.limits.values[some])
         plan.report()
 
 
@@ -142,15 +146,19 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
     is_whole = np.zeros(len(drawn.used), dtype=bool)
     is_whole[drawn.vertices[np.isin(leaves, near, assume_unique=True)[drawn.leaves]]] = True
     joined = drawn.joined(plan)
-    bounded = np.minimum(plan.at_equal.values[leaves], plan.by_feet.values[leaves])[drawn.leaves]
-    beyond = np.where(joined.is_closed, np.inf, bounded[np.where(joined.is_closed, 0, joined.across)])
+    at_equal, is_mapped = (
+        plan.at_equal.values[leaves][drawn.leaves],
+        np.isfinite(plan.mapped.values[leaves])[drawn.leaves],
+    )
+    across = np.where(joined.is_closed, 0, joined.across)
+    beside = Beside(np.where(joined.is_closed, np.inf, at_equal[across]), ~joined.is_closed & is_mapped[across])
     shell = Shell.of(joined, is_whole, plan.limits.values[leaves][drawn.leaves])
     firsts, ends = (drawn.firsts[np.searchsorted(leaves, wanted) + end] for end in (0, 1))
     unusable = np.concatenate([[0], np.cumsum(shell.ranges <= 0)])
     usable = np.flatnonzero((ends > firsts) & (unusable[ends] == unusable[firsts]))
 
     def include(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limits: FloatArray) -> None:
-        include_pieces(found, bases, pieces, form, limits, shell, beyond)
+        include_pieces(found, bases, pieces, form, limits, shell, beside)
 
     found = np.full(len(wanted), np.inf)
     found[usable] = _by_pieces(plan, wanted[usable], shell.triangles.corners, firsts[usable], include, limits[usable])

@@ -47,17 +47,15 @@ class NodeSurfaces:
     def __init__(self, tree: RectangleTree) -> None:
         self._tree = tree
         self._patches, self._blocks, self._places = (tree.add_column(np.int32(NONE)) for _ in range(3))
-        # For each patch the node over the whole patch, the coefficients, (4, 4, 3), u first, and whether the surface is
-        # smooth at all corners.
+        # For each patch the node over the whole patch, and the coefficients, (4, 4, 3), u first.
         self._roots = Column(np.zeros(0, dtype=np.intp))
         self._coefficients = Column(np.zeros((0, 48)))
-        self._are_inside = Column(np.zeros(0, dtype=bool))
         self._refined: list[_Block] = []
         mesh = tree.mesh
         patches = classify_patches(mesh)
         regular, rest = np.flatnonzero(patches.kinds == PatchKind.REGULAR), patches.kinds != PatchKind.REGULAR
         for faces in index_chunks(regular, FACES_AT_ONCE):
-            self._put_patches(faces, regular_nets(mesh, faces), patches.inside[faces])
+            self._put_patches(faces, regular_nets(mesh, faces))
         for some in (rest & (mesh.face_sizes == 4), rest & (mesh.face_sizes != 4)):
             for faces in index_chunks(np.flatnonzero(some), FACES_AT_ONCE):
                 self._put_block(faces, Refinement.start(mesh, faces))
@@ -65,13 +63,6 @@ class NodeSurfaces:
     def are_bicubic(self, nodes: IndexArray) -> BoolArray:
         """(nodes,) bool."""
         found: BoolArray = self._patches.values[nodes] != NONE
-        return found
-
-    def are_smooth(self, quads: IndexArray) -> BoolArray:
-        """(n,) bool: whether quads belong to bicubic patches with all corners smooth and regular."""
-        patches = self._patches.values[quads]
-        found = patches != NONE
-        found[found] = self._are_inside.values[patches[found]]
         return found
 
     def follow(self, nodes: IndexArray, way: int) -> None:
@@ -86,7 +77,7 @@ class NodeSurfaces:
             patches = classify_patches(mesh)
             is_regular = patches.kinds[: len(children)] == PatchKind.REGULAR
             regular, rest = np.flatnonzero(is_regular), ~is_regular
-            self._put_patches(children[regular], regular_nets(mesh, regular), patches.inside[regular])
+            self._put_patches(children[regular], regular_nets(mesh, regular))
             if np.any(rest):
                 self._put_block(children[rest], refinement.keep(rest).numbered())
 
@@ -153,11 +144,10 @@ class NodeSurfaces:
             wanted = mask(len(block.nodes), places[numbers == number])
             yield wanted, block
 
-    def _put_patches(self, nodes: IndexArray, nets: FloatArray, are_inside: BoolArray) -> None:
-        """Store the patches of nodes with nets (4, 4, P, 3). are_inside: (P,) bool, whether all corners are smooth."""
+    def _put_patches(self, nodes: IndexArray, nets: FloatArray) -> None:
+        """Store the patches of nodes with nets (4, 4, P, 3)."""
         self._patches.values[nodes] = len(self._roots.values) + np.arange(len(nodes))
         self._roots.append(nodes)
-        self._are_inside.append(are_inside)
         self._coefficients.append(np.moveaxis(patch_coefficients(nets), 2, 0).reshape(-1, 48))
 
     def _put_block(self, nodes: IndexArray, refinement: Refinement) -> None:

@@ -50,7 +50,7 @@ class TooManyFacesError(ValueError):
 
 class Plan:
     """A tree, with the surfaces over its nodes and the positions of its vertices. Columns hold for each node: as a
-    leaf, the template and the pattern of split sides; the bounds of ``leaf_bounds``: at equal parameters, by feet, and
+    leaf, the template and the pattern of split sides; the bounds of ``leaf_bounds``: at equal parameters, by maps, and
     along the surface; and the bounds of ``leaf_angles``: of distances in pairs, and of the angles. limits: the largest
     distance allowed, the least over the node (docs/tolerance.md)."""
 
@@ -68,7 +68,7 @@ class Plan:
         nothing = LeafApproximation.none(1)
         self._drawn = {field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)}
         self._split_sides = self.tree.add_column(np.int32(NONE))
-        self.at_equal, self.by_feet, self.along_surface, self.paired = (
+        self.at_equal, self.mapped, self.along_surface, self.paired = (
             self.tree.add_column(np.float64(np.inf)) for _ in range(4)
         )
         self.shading, self.facets = (self.tree.add_column(np.float64(np.nan)) for _ in range(2))
@@ -90,7 +90,7 @@ class Plan:
 
     def bounds(self, leaves: IndexArray) -> FloatArray:
         """(n,): the proved distances of the triangles of leaves from the surface; infinite where none is proved."""
-        columns = self.at_equal, self.by_feet, self.along_surface, self.paired
+        columns = self.at_equal, self.mapped, self.along_surface, self.paired
         found: FloatArray = np.minimum.reduce([column.values[leaves] for column in columns])
         return found
 
@@ -139,7 +139,7 @@ class Plan:
                     column.values[own] = getattr(found, name)
                 self.report()
         self._split_sides.values[leaves] = self._patterns(leaves)
-        for column in (self.at_equal, self.by_feet, self.along_surface, self.paired):
+        for column in (self.at_equal, self.mapped, self.along_surface, self.paired):
             column.values[leaves] = np.inf
         for column in (self.shading, self.facets):
             column.values[leaves] = np.nan

@@ -9,7 +9,6 @@ weight is off by the rounding of one division (docs/adaptive.md, Rounding).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from itertools import pairwise
 
@@ -29,34 +28,17 @@ MOST_OVER = 1.2
 BICUBIC_POINTS = bicubic_basis(QUAD_POINTS)
 
 
-# A function of S - T over parts of quads' triangles, as Bernstein coefficients (R, n, 3), that returns upper bounds
-# (n,).
-Measure = Callable[[FloatArray, IndexArray], FloatArray]
-
-
 def bounds_at_equal(coefficients: FloatArray, numbers: IndexArray, limits: FloatArray) -> FloatArray:
     """(P,): upper bounds of ‖S - T‖ for bicubic quads with coefficients (16, P, 3) and template numbers (P,), as tight
     as a comparison with the limits (P,) needs."""
-
-    def longest(off: FloatArray, _: IndexArray) -> FloatArray:
-        found: FloatArray = lengths(off).max(axis=0)
-        return found
-
-    return bounds_over_parts(coefficients, numbers, limits, longest)
-
-
-def bounds_over_parts(
-    coefficients: FloatArray, numbers: IndexArray, limits: FloatArray, measure: Measure
-) -> FloatArray:
-    """(P,): upper bounds of a measure of S - T, for quads as in ``bounds_at_equal``."""
     found = np.empty(len(numbers))
     for pattern, alternative, own in template_groups(numbers):
         number, nets = 16 * alternative + pattern, selected_vectors(coefficients, own)
-        bounds = measure(transformed_nets(_off_template(number), nets), own)
+        bounds = lengths(transformed_nets(_off_template(number), nets)).max(axis=0)
         doubtful = np.flatnonzero((bounds > limits[own]) & (bounds <= MOST_OVER * limits[own]))
         if len(doubtful):
             fine = transformed_nets(_off_template(number, fine=True), selected_vectors(nets, doubtful))
-            bounds[doubtful] = measure(fine, own[doubtful])
+            bounds[doubtful] = lengths(fine).max(axis=0)
         found[own] = bounds
     return found
 

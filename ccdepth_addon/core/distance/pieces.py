@@ -15,6 +15,7 @@ from ..surface.triangle_coefficients import triangle_quarters
 from .piece_hulls import Pieces, off_at_equal
 from .shell_bounds import shell_bounds
 from .shells import Shell
+from .side_bounds import Beside
 
 # The number of times pieces are halved both ways before their base is given up, and the first time at which a base is
 # given up for too many more open pieces than before. A curve without proved places meets twice as many pieces each
@@ -49,13 +50,13 @@ def include_pieces(
     form: Form,
     limits: FloatArray,
     shell: Shell,
-    off_beyond: FloatArray | None = None,
+    beside: Beside | None = None,
 ) -> None:
     """Raise the bounds found (n,) of bases to the bounds of their pieces; infinite where no bound within the limits
-    (n,) is proved. bases: (P,), of the pieces. off_beyond: as in ``shell_bounds``."""
+    (n,) is proved. bases: (P,), of the pieces. beside: as in ``shell_bounds``."""
 
     def bounds(some: Pieces) -> FloatArray:
-        return shell_bounds(shell, some, off_beyond)
+        return shell_bounds(shell, some, beside)
 
     def reached(some: Pieces) -> FloatArray:
         return _heights_at(shell, form.values, some)

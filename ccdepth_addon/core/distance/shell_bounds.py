@@ -17,17 +17,15 @@ from .corner_bounds import bounds_around, bounds_near_corner
 from .framed_pieces import ON_VECTOR, ROUNDING, FramedPieces
 from .piece_hulls import Pieces
 from .shells import Shell
-from .side_bounds import raised_at_sides
+from .side_bounds import Beside, raised_at_sides
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-def shell_bounds(shell: Shell, pieces: Pieces, off_beyond: FloatArray | None = None) -> FloatArray:
+def shell_bounds(shell: Shell, pieces: Pieces, beside: Beside | None = None) -> FloatArray:
     """(P,): bounds of the distance between the points of each piece and their places on the triangles, and between its
     curves over closed sides and these sides; infinite where no place within the shell is proved.
 
-    off_beyond: (M, 3), bounds of the distance between surface and triangles beyond each side with a comparison at equal
-    parameters or by feet, infinite at other sides; bounds include the strips beside these sides (docs/distance.md,
-    Lemma 10).
+    beside: the sides with another comparison beyond; bounds include the strips there (docs/distance.md, Lemma 10).
     """
     own = pieces.triangles
     seen = FramedPieces.of(shell, pieces)
@@ -45,5 +43,5 @@ def shell_bounds(shell: Shell, pieces: Pieces, off_beyond: FloatArray | None = N
     if len(rest):
         bounds[rest] = bounds_around(shell, pieces.at(rest))
     bounds = np.where(shell.ranges[own] > 0, bounds, np.inf)
-    bounds = raised_at_sides(shell, pieces, bounds, off_beyond)
+    bounds = raised_at_sides(shell, pieces, bounds, beside)
     return bounds * (1 + ROUNDING) + 2 * ON_VECTOR * seen.sizes

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds of the curves of pieces over closed sides, and over sides to leaves compared at equal parameters or by feet.
+"""Bounds of the curves of pieces over closed sides, and over sides to leaves compared at equal parameters or by a map.
 docs/distance.md, Closed sides and Lemma 10.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,27 +22,51 @@ from .shells import Shell
 COORDINATE_ROUNDING = 2.0**-48
 
 
+@dataclass(frozen=True)
+class Beside:
+    """The sides of M triangles with another comparison beyond. at_equal: (M, 3), bounds of the distance between surface
+    and triangles beyond a side at equal parameters; infinite at other sides. are_mapped: (M, 3) bool, whether the
+    surface beyond is mapped onto the triangles of its leaf, each side of a triangle onto itself."""
+
+    at_equal: FloatArray
+    are_mapped: BoolArray
+
+
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-def raised_at_sides(shell: Shell, pieces: Pieces, bounds: FloatArray, off_beyond: FloatArray | None) -> FloatArray:
-    """(P,): the bounds (P,) of pieces, raised to the bounds of their curves over closed sides, and over sides to a
-    comparison at equal parameters. off_beyond: as in ``shell_bounds``."""
-    raised, counted = bounds.copy(), shell.triangles.is_closed
-    if off_beyond is not None:
-        counted = counted | np.isfinite(off_beyond)
-    which, turns, curves = _curves_on(shell, pieces, np.isfinite(bounds)[:, None] & counted[pieces.triangles])
-    is_closed = shell.triangles.is_closed[curves.triangles, turns]
-    for chosen, are_closed in ((np.flatnonzero(is_closed), True), (np.flatnonzero(~is_closed), False)):
-        if not len(chosen):
-            continue
-        some, own = curves.at(chosen), which[chosen]
-        if are_closed:
-            found = _closed_bounds(shell, some, turns[chosen])
-        else:
-            assert off_beyond is not None
-            off = off_beyond[some.triangles, turns[chosen]]
-            found = _bridge_bounds(shell, some, turns[chosen], bounds[own], off)
-        np.maximum.at(raised, own, found)
+def raised_at_sides(shell: Shell, pieces: Pieces, bounds: FloatArray, beside: Beside | None) -> FloatArray:
+    """(P,): the bounds (P,) of pieces, raised to the bounds of their curves over closed sides, and over sides to
+    another comparison."""
+    raised, is_closed = bounds.copy(), shell.triangles.is_closed
+    if beside is None:
+        beside = Beside(np.full(is_closed.shape, np.inf), np.zeros_like(is_closed))
+    is_counted = is_closed | beside.are_mapped | np.isfinite(beside.at_equal)
+    which, turns, curves = _curves_on(shell, pieces, np.isfinite(bounds)[:, None] & is_counted[pieces.triangles])
+    closed, mapped = is_closed[curves.triangles, turns], beside.are_mapped[curves.triangles, turns]
+
+    def raise_to(bound: Callable[[Pieces, IndexArray, FloatArray], FloatArray], chosen: BoolArray) -> None:
+        if len(some := np.flatnonzero(chosen)):
+            np.maximum.at(raised, which[some], bound(curves.at(some), turns[some], bounds[which[some]]))
+
+    def to_map(own: Pieces, sides: IndexArray, within: FloatArray) -> FloatArray:
+        return _bridge_bounds(shell, _with_whole_sides(shell, own, sides), sides, within, off_at_equal(own))
+
+    def to_equal(own: Pieces, sides: IndexArray, within: FloatArray) -> FloatArray:
+        off = np.minimum(off_at_equal(own), beside.at_equal[own.triangles, sides])
+        return _bridge_bounds(shell, own, sides, within, off)
+
+    raise_to(lambda own, sides, _: _closed_bounds(shell, own, sides), closed)
+    raise_to(to_map, mapped)
+    raise_to(to_equal, ~closed & ~mapped)
     return raised
+
+
+def _with_whole_sides(shell: Shell, curves: Pieces, turns: IndexArray) -> Pieces:
+    """The curves with their whole sides for drawn points, in the curves' direction: images are anywhere there."""
+    start, end = (component_major(shell.triangles.corners[curves.triangles, (turns + k) % 3]) for k in (0, 1))
+    is_turned = dot_products(curves.flats[-1] - curves.flats[0], end - start) < 0
+    first, last = (np.where(is_turned[:, None], *each) for each in ((end, start), (start, end)))
+    shares = np.linspace(0.0, 1.0, len(curves.flats))[:, None, None]
+    return Pieces(curves.triangles, curves.hulls, first + shares * (last - first))
 
 
 def _curves_on(shell: Shell, pieces: Pieces, counted: BoolArray) -> tuple[IndexArray, IndexArray, Pieces]:
@@ -73,22 +100,20 @@ def _seen_curves(shell: Shell, curves: Pieces, turns: IndexArray) -> FramedPiece
     return FramedPieces.of(shell, curves, turns, [0, len(curves.hulls) - 1] if are_alike(curves) else [])
 
 
-def _bridge_bounds(
-    shell: Shell, curves: Pieces, turns: IndexArray, bounds: FloatArray, off_beyond: FloatArray
-) -> FloatArray:
+def _bridge_bounds(shell: Shell, curves: Pieces, turns: IndexArray, bounds: FloatArray, off: FloatArray) -> FloatArray:
     """(P,): bounds of the distance between points of curves over sides and all places on their paths. bounds: (P,), of
-    the pieces of the curves. off_beyond: (P,), as in ``shell_bounds``."""
+    the pieces of the curves. off: (P,), what counts besides where paths may leave both triangles at the side."""
     own = curves.triangles
     seen = _seen_curves(shell, curves, turns)
     thin = RANGE_FOR_HEIGHT * seen.heights / shell.cosines[own]
     ranges = np.where(bounds <= thin, np.minimum(thin, shell.ranges[own]), shell.ranges[own])
     sides = [Side.of(seen, side, ranges) for side in range(3)]
     beyond = Beyond.of(shell, seen, 0, sides[0], ranges)
-    stays = are_in_front(seen, sides) & sides[1].stays_inside() & sides[2].stays_inside()
-    stays &= sides[0].stays_inside() | beyond.are_placed
     there = beyond.heights.max(axis=0) / shell.cosines[beyond.across]
     straight = np.maximum(there, seen.heights / shell.cosines[own])
-    found: FloatArray = np.where(stays, straight, bounds + np.minimum(off_at_equal(curves), off_beyond))
+    stays = are_in_front(seen, sides) & sides[1].stays_inside() & sides[2].stays_inside() & (straight <= ranges)
+    stays &= sides[0].stays_inside() | beyond.are_placed
+    found: FloatArray = np.where(stays, straight, bounds + off)
     return found
 
 
