@@ -401,7 +401,7 @@ def test_bad_input() -> None:
 def test_distances_of_any_number_of_places_take_little_memory() -> None:
     """At a pole of hundreds of faces there are millions of pairs of places and facets."""
     corners = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]])
-    facets = Facets(np.zeros(1, dtype=np.intp), corners, np.zeros(1))
+    facets = Facets(np.zeros(1, dtype=np.intp), corners, np.zeros(1), np.ones(1), np.ones(1))
     places, which = np.full((500_000, 3), 0.5), np.zeros(500_000, dtype=np.intp)
     tracemalloc.start()
     off, nearest = facets.distances(places, which)
