@@ -85,6 +85,25 @@ def test_lengths_are_those_of_the_unit(tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.json"))
 
 
+def test_a_file_is_measured_by_the_tolerance_at_each_place(tmp_path: Path, capfd: runs.Capture) -> None:
+    """Two faces of a cube may be off by ten times as much, and are by more than the tolerance."""
+    cube = scene.add_object(meshes.cube(), "Cube")
+    for name, factor in (("Fine", 1.0), ("Coarse", 10.0)):
+        material = bpy.data.materials.new(name)
+        material.ccdepth.tolerance_factor = factor
+        cube.data.materials.append(material)
+    cube.data.polygons.foreach_set("material_index", [1, 1, 0, 0, 0, 0])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "source.blend"))
+    exported(tmp_path / "cube.obj", cube, tolerance_by="MATERIAL", certificate=True)
+    told = capfd.readouterr().out
+    assert "of its tolerance from the surface (measured in the file)" in told
+    assert "not within" not in told
+    [entry] = report_of(tmp_path / "cube.obj")["objects"]
+    assert entry["factors"] == [1.0, 10.0]
+    assert entry["measured"]["proved"] <= entry["tolerance"] < entry["proved"]
+    assert runs.run("--verify", tmp_path / "cube.obj.json") == 0
+
+
 @pytest.mark.every_blender
 def test_modifiers_below_the_surface_go_on_and_are_measured(tmp_path: Path, capfd: runs.Capture) -> None:
     """What they change is no longer within the tolerance, and that is told."""
