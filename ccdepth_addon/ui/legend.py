@@ -209,7 +209,7 @@ def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
         return
     # The reached distance is really there.
     text = length_text(context.scene, record.deviation_reached, Rounding.DOWN)
-    if record.measurement.tolerance_by != "NONE":
+    if record.measurement.factors[1]:
         _, text = ratio_texts(record.deviation, record.deviation_reached, record.measurement.world_tolerance)
     blf.size(FONT, FONT_SIZE * scale)
     width, height = blf.dimensions(FONT, text)
