@@ -222,8 +222,8 @@ class ToleranceProperties:
     # Without a hard minimum, so that a bad one can be refused with a report.
     off_screen_scale: FloatProperty(
         name="Off-Screen Scale",
-        description="How many times the tolerance in pixels is allowed on objects that are off screen by more than a "
-        "tenth of the image",
+        description="How many times the tolerance in pixels is allowed on what is off screen by more than a tenth of "
+        "the image",
         default=4.0,
         soft_min=1.0,
         soft_max=25.0,

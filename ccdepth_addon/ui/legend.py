@@ -25,7 +25,7 @@ from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, shown
 from ..state.still_holds import measured_to_show
 from .deviation_panel import stale_line
-from .facts import colored_objects
+from .facts import colored_objects, ratio_texts
 from .legend_contents import NUMBER_HEIGHT, TOLERANCE, Color, Legend, legend
 from .lengths import Rounding, length_text
 
@@ -209,6 +209,8 @@ def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
         return
     # The reached distance is really there.
     text = length_text(context.scene, record.deviation_reached, Rounding.DOWN)
+    if record.measurement.factors[1]:
+        _, text = ratio_texts(record.deviation, record.deviation_reached, record.measurement.world_tolerance)
     blf.size(FONT, FONT_SIZE * scale)
     width, height = blf.dimensions(FONT, text)
     padding, bottom, (covered, _) = PADDING * scale / 2, place.y + REACH * scale, _covered(context)
