@@ -20,7 +20,7 @@ from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.bicubic import NET_TO_BERNSTEIN
 from tests import meshes, soundness
-from tests.core.test_foot_bounds import MESHES, derivative, nets_of, smooth
+from tests.core.test_foot_bounds import GRID, MESHES, derivative, nets_of, smooth
 from tests.drawn_levels import points_of, surface
 from tests.thorough import combinations, each
 from tests.triangle_distances import distances, point_to_triangles
@@ -90,7 +90,7 @@ def test_bounds_hold_on_any_closed_surface(seed: int, size: float, turns: float)
 NUMBERS = [16 * alternative + pattern for pattern, count in enumerate(COUNTS) for alternative in range(count)]
 
 # The number of nets of a kind for each template, and the steps of the grids of triangles that stand for their surface.
-NETS, GRID_STEPS = 6, 6
+NETS, GRID_STEPS = 4, 5
 
 
 def surface_of(net: FloatArray, steps: int) -> tuple[FloatArray, IndexArray]:
@@ -110,13 +110,24 @@ def to_own(points: FloatArray, positions: FloatArray, triangles: IndexArray) -> 
     return found.min(axis=2).max(axis=1)
 
 
-@pytest.mark.parametrize(("kind", "number"), combinations(["uneven", "bent", "skewed"], NUMBERS))
+def moved_nets(kind: str, generator: np.random.Generator) -> FloatArray:
+    """Nets (4, 4, NETS, 3) of a kind of ``nets_of``; squeezed and slanted; or with a ridge from corner 0 to 2, and with
+    points moved along the surface."""
+    if kind == "creased":
+        flat = GRID[:, :, None] + generator.normal(size=(4, 4, NETS, 2)) * 0.15
+        ridge = np.broadcast_to(np.abs(GRID[..., :1] - GRID[..., 1:]), (4, 4, NETS))
+        return np.concatenate([flat, ridge[..., None]], axis=-1)
+    if kind == "skewed":
+        slanted = np.array([[1.0, 0.0, 0.0], [0.025, 0.05, 0.0], [0.0, 0.0, 0.05]])
+        return nets_of("uneven", NETS, generator) @ slanted
+    return nets_of(kind, NETS, generator)
+
+
+@pytest.mark.parametrize(("kind", "number"), combinations(["uneven", "bent", "skewed", "creased"], NUMBERS))
 def test_maps_bound_the_distance_of_single_leaves_both_ways(kind: str, number: int) -> None:
     """Within any limit, and within one that is hardly above the distance. On skewed leaves two sides are nearly
-    parallel to the other two."""
-    net = nets_of("uneven" if kind == "skewed" else kind, NETS, np.random.default_rng(number))
-    if kind == "skewed":
-        net = net @ np.diag([1.0, 0.05, 0.05]) @ np.array([[1.0, 0.0, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    parallel to the other two; on creased leaves triangles are at right angles, about."""
+    net = moved_nets(kind, np.random.default_rng(number))
     own = TRIANGLES[number, : TRIANGLE_COUNTS[number]]
     drawn = derivative(net, QUAD_POINTS, 0, 0).swapaxes(0, 1)
     surface, fine = surface_of(net, GRID_STEPS)
