@@ -21,7 +21,7 @@ from .facts import count_fact, draw_facts, faces_by_depth, facts_of, refused_obj
 from .lengths import count_text
 from .manual import draw_manual_button
 from .sidebar import NAME_PART, SidebarPanel, draw_alert, draw_button, settings_column
-from .tolerances import CCDEPTH_PT_tolerance_presets, tolerance_text
+from .tolerances import MOST_OBJECTS, CCDEPTH_PT_tolerance_presets, tolerance_text
 from .variation import draw_tolerance, draw_variation
 
 SWATCH_SIZE = 16
@@ -33,9 +33,6 @@ RESULT_EDITED = "Result edited; Update keeps your version"
 NOT_CHECKED = "Not checked since opening"
 
 UP_TO_DATE = "Up to date"
-
-# The largest length of the list of several objects.
-MOST_OBJECTS = 8
 
 _swatches: bpy.utils.previews.ImagePreviewCollection | None = None
 

@@ -82,10 +82,13 @@ def running() -> Run | None:
 
 def draw_button(layout: bpy.types.UILayout, operator: str, icon: str) -> None:
     """The button of a long operator; during its run, the progress and Cancel."""
+    column = layout.column(align=True)
     if _run is None or _run.operator != operator:
-        layout.operator(operator, icon=icon)
+        # After a run Blender 4 draws the first text below the mouse's bar as a bar; here is an empty one for that.
+        column.separator(factor=0.0)
+        column.operator(operator, icon=icon)
         return
-    row = layout.row(align=True)
+    row = column.row(align=True)
     _run.draw(row)
     row.operator("ccdepth.cancel", text="", icon="X")
 

@@ -147,7 +147,7 @@ register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_tolerance_
 DECIMALS = 6
 LARGEST_ERROR = 1e-3
 
-# Above this count of selected objects the conversion is hidden: it would measure every object.
+# The most selected objects that are listed, and that the conversion is shown for, which measures each of them.
 MOST_OBJECTS = 8
 
 
