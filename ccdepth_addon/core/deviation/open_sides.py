@@ -94,8 +94,11 @@ class OpenSides:
         return opened, charts
 
     def reached(self, charts: Charts, leaves: IndexArray, images: FloatArray, edges: IndexArray) -> IndexArray:
-        """(N, 8) intp: the leaves across open sides that images (N, 4, 2) of cells in leaves (N,) may lie over, or that
-        the cells lie beside, and NONE. edges: (N, 4) intp, of the units below the cells' sides, or NONE."""
+        """(N, 8) intp, or (N, 0) without open sides: the leaves across these that images (N, 4, 2) of cells in leaves
+        (N,) may lie over, or that the cells lie beside, and NONE. edges: (N, 4) intp, of the units below the cells'
+        sides, or NONE."""
+        if not len(self.leaves):
+            return np.empty((len(leaves), 0), dtype=np.intp)
         found = np.full((len(leaves), 8), NONE)
         margin = MARGIN * np.abs(charts.places).max(axis=(1, 2))[leaves]
         for own, flaps in enumerate(charts.flaps):
