@@ -298,8 +298,7 @@ def test_the_surface_beside_measured_leaves_has_to_be_near(monkeypatch: pytest.M
         return np.where(on_surface & ~drawn, np.inf, 0.0)
 
     monkeypatch.setattr(DrawnLeaves, "deviations", deviations)
-    for maps in ("mapped", "joined"):
-        monkeypatch.setattr(DrawnLeaves, maps, lambda leaves, *_: np.full(len(leaves.points), np.inf))
+    monkeypatch.setattr(DrawnLeaves, "mapped", lambda leaves, *_: np.full(len(leaves.points), np.inf))
     bounds = level_bounds(mesh, tolerance, "DISTANCE", Vertices.LIMIT, 2)
     assert 0 < np.count_nonzero(bounds == np.inf) < mesh.face_count
     found = face_depths(mesh, tolerance, "DISTANCE", "LIMIT")

@@ -8,13 +8,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.arrays.types import BoolArray, FloatArray
+from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.arrays.vectors import lengths
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.deviation import leaf_deviations
-from ccdepth_addon.core.deviation.charts import Charts
 from ccdepth_addon.core.deviation.leaf_deviations import DrawnLeaves
-from ccdepth_addon.core.deviation.open_sides import OpenSides
+from ccdepth_addon.core.deviation.leaf_maps import Charts
 from ccdepth_addon.core.surface.bicubic import NET_TO_BERNSTEIN
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.triangle_coefficients import bicubic_basis
@@ -113,24 +112,15 @@ MAPPED: dict[str, Callable[[int], meshes.MeshData]] = MESHES | {
 def own_distances(quads: FloatArray, fine: FloatArray, is_turned: bool) -> tuple[float, float]:
     """The farthest of the surface's points (n, 4, 3) from the triangles of a quad (4, 3), and of the triangles from
     quads between the points."""
-    triangles = triangles_of(quads, is_turned=is_turned)
-    return farthest(fine.reshape(-1, 3), triangles), farthest(points_of(triangles).reshape(-1, 3), halves_of(fine))
-
-
-def triangles_of(quads: FloatArray, *, is_turned: bool) -> FloatArray:
-    """(2, 3, 3): the triangles of a quad (4, 3)."""
-    return np.roll(quads, -int(is_turned), axis=0)[[[0, 1, 2], [0, 2, 3]]]
-
-
-def halves_of(fine: FloatArray) -> FloatArray:
-    """(2n, 3, 3): triangles of quads (n, 4, 3)."""
-    return fine[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
-
-
-def farthest(points: FloatArray, triangles: FloatArray) -> float:
-    """The largest distance of points (n, 3) from the nearest of triangles (m, 3, 3)."""
-    pairs = np.repeat(points, len(triangles), axis=0), np.tile(triangles, (len(points), 1, 1))
-    return point_to_triangles(*pairs).reshape(len(points), -1).min(axis=1).max()
+    triangles = np.roll(quads, -int(is_turned), axis=0)[[[0, 1, 2], [0, 2, 3]]]
+    points = fine.reshape(-1, 3)
+    there = np.min(
+        [point_to_triangles(points, np.repeat(each[None], len(points), axis=0)) for each in triangles], axis=0
+    )
+    drawn, halves = points_of(triangles).reshape(-1, 3), fine[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
+    pairs = np.repeat(drawn, len(halves), axis=0), np.tile(halves, (len(drawn), 1, 1))
+    back = point_to_triangles(*pairs).reshape(len(drawn), -1).min(axis=1)
+    return there.max(), back.max()
 
 
 @pytest.mark.parametrize(("name", "seed"), cases(product(MAPPED, range(4)), [(n, 1) for n in [*MAPPED][::2]]))
@@ -226,93 +216,3 @@ def test_a_map_proves_nearly_what_is_so() -> None:
     refinement = Refinement.start(mesh, np.arange(mesh.face_count)).refined()
     some = DrawnLeaves.of(refinement, np.zeros(len(refinement.bases), dtype=bool), Vertices.LIMIT, None)
     assert np.all(some.mapped(0.005, 0.0) < np.inf)
-
-
-def beside(refinement: Refinement) -> BoolArray:
-    """(K, K) bool: whether leaves share a side, or are the same."""
-    quads = refinement.corner_vertices().reshape(-1, 4)
-    sides = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2), axis=2)
-    keys = np.unique(sides.reshape(-1, 2), axis=0, return_inverse=True)[1].reshape(-1, 4)
-    return np.any([[keys[:, None, i] == keys[None, :, j] for i in range(4)] for j in range(4)], axis=(0, 1))
-
-
-@pytest.mark.parametrize(
-    ("name", "seed"),
-    cases([(n, s) for n in MAPPED for s in range(4)], [(n, 1) for n in ("sheared", "Möbius strip", "landscape")]),
-)
-def test_maps_of_leaves_together_bound_both_ways(name: str, seed: int) -> None:
-    """Between the surface over a leaf and the triangles of leaves beside it, and between its triangles and the surface
-    over these."""
-    rng = np.random.default_rng(seed)
-    mesh = meshes.build(MAPPED[name](seed))
-    refinement = Refinement.start(mesh, np.arange(mesh.face_count)).refined()
-    count, fine = len(refinement.bases), refinement
-    for _ in range(DEEPER):
-        fine = fine.refined()
-    surface = fine.limits_at_corners.reshape(count, -1, 4, 3)
-    neighbours = beside(refinement)
-    for vertices in Vertices:
-        some = DrawnLeaves.of(refinement, rng.random(count) < 0.5, vertices, None)
-        some = replace(some, is_folded=some.is_folded | (rng.random(count) < 0.1))
-        chosen = rng.permutation(np.flatnonzero(~some.is_folded))[:20]
-        drawn = np.stack([triangles_of(q, is_turned=t) for q, t in zip(some.points, some.is_turned, strict=True)])
-        near = [np.flatnonzero(neighbours[i]) for i in chosen]
-        there = [
-            farthest(surface[i].reshape(-1, 3), drawn[n].reshape(-1, 3, 3)) for i, n in zip(chosen, near, strict=True)
-        ]
-        back = [
-            farthest(points_of(drawn[i]).reshape(-1, 3), halves_of(surface[n].reshape(-1, 4, 3)))
-            for i, n in zip(chosen, near, strict=True)
-        ]
-        sizes = np.ptp(surface[chosen].reshape(len(chosen), -1, 3), axis=1).max(axis=1)
-        is_sought = rng.random(count) < 0.9
-        is_both = is_sought & (rng.random(count) < 0.8)
-        for factor in (0.3, 0.8, 1.02, 1.3, 2.0, 4.0):
-            limit = factor * float(np.median(np.maximum(there, back))) + 1e-9
-            bounds = some.joined(limit, 0.0, is_sought, is_both)
-            assert np.all((bounds <= limit) | np.isinf(bounds))
-            assert np.all(np.isinf(bounds[some.is_folded | ~is_sought]))
-            assert np.all(there <= bounds[chosen] + 1e-12)
-            assert np.all(np.where(is_both[chosen], back, 0.0) <= bounds[chosen] + FINE * sizes)
-
-
-def test_leaves_together_have_maps_where_sides_run_along_the_surface() -> None:
-    """A plane whose lines are bent: the surface is the triangles, but hardly any leaf is covered by its own."""
-    data = meshes.bent(meshes.grid(8, 8), lambda x, y, _: (x + 0.3 * np.sin(2 * y), y + 0.3 * np.sin(2 * x), 0 * x))
-    mesh = meshes.build(data)
-    refinement = Refinement.start(mesh, np.arange(mesh.face_count)).refined()
-    every = np.ones(len(refinement.bases), dtype=bool)
-    some = DrawnLeaves.of(refinement, ~every, Vertices.LIMIT, None)
-    quads = refinement.corner_vertices().reshape(-1, 4)
-    inside = np.all(np.bincount(quads.ravel())[quads] == 4, axis=1)
-    limit = 0.005
-    assert np.isfinite(some.mapped(limit, 0.0)[inside]).mean() < 0.5
-    assert np.isfinite(some.joined(limit, 0.0, every, every)[inside]).mean() > 0.9
-    # Not onto leaves that may be folded, as all that share a side with these here.
-    neighbours, alone = beside(refinement), ~every
-    for leaf in range(len(every)):
-        alone[leaf] = not alone[neighbours[leaf]].any()
-    among = replace(some, is_folded=~alone)
-    assert np.isfinite(among.joined(limit, 0.0, every, every)[inside & alone]).mean() < 0.5
-
-
-@pytest.mark.parametrize("name", ["Möbius strip", "flipped face", "landscape", "pole of 16"])
-def test_places_on_both_flaps_of_an_open_side_are_the_same_in_both_charts(name: str) -> None:
-    rng = np.random.default_rng(1)
-    mesh = meshes.build(MAPPED[name](1))
-    refinement = Refinement.start(mesh, np.arange(mesh.face_count)).refined()
-    is_turned = rng.random(len(refinement.bases)) < 0.5
-    some = DrawnLeaves.of(refinement, is_turned, Vertices.LIMIT, None)
-    known = np.ones(len(is_turned), dtype=bool)
-    opened, charts = OpenSides.of(Charts.over(some.points, is_turned), some.pieces, is_turned, known)
-    count = len(opened.leaves)
-    assert count > len(is_turned) / 2
-    every = np.arange(count)
-    places = (rng.dirichlet([1, 1, 1, 1], size=count)[:, :, None] * opened.kites.places).sum(axis=1)
-    wanted = opened.kites.points(places[:, None], every)[:, 0]
-    for way in (0, 1):
-        images = opened.images(every, np.full(count, way), places)
-        found = charts.points(images[:, None], opened.leaves[:, way])[:, 0]
-        # Rounding: some dozen units of the largest coordinate.
-        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-14)
-        assert np.all((opened.beside[opened.leaves[:, way]] == opened.leaves[:, 1 - way, None]).any(axis=1))

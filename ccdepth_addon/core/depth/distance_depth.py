@@ -3,8 +3,8 @@
 
 Level by level, a face is settled where the certified bound, with the distance of triangles from facets, is within the
 tolerance, or feet on the surface are (``foot_bounds``). Of the others that samples do not disprove, the leaves are
-mapped onto their triangles (``leaf_maps``), alone or together, and measured as far as the effort allows
-(``leaf_deviations``). In the end leaves of the deepest faces are measured at the levels passed over.
+mapped onto their triangles (``leaf_maps``), and measured as far as the effort allows (``leaf_deviations``). In the end
+leaves of the deepest faces are measured at the levels passed over.
 """
 
 from __future__ import annotations
@@ -438,14 +438,6 @@ def _distances(
         is_left = (own | beside) & ~is_lost
         for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):
             bounds = leaves.keep(mask(len(off), some)).mapped(limit, rounded)
-            is_mapped = bounds <= limit
-            off[some[is_mapped]], is_left[some] = bounds[is_mapped], ~is_mapped
-        may_open = is_left | is_lost | np.where(is_open, ~(own | beside), ~found.is_own)
-        for some in index_chunks(np.flatnonzero(is_left), MEASURED_AT_ONCE):
-            sought = mask(len(off), some)
-            near = rings_around(mesh, sought, 1) & may_open
-            near = rings_around(mesh, near, 1) & may_open
-            bounds = leaves.keep(near).joined(limit, rounded, sought[near], (sought & own)[near])[sought[near]]
             is_mapped = bounds <= limit
             off[some[is_mapped]], is_left[some] = bounds[is_mapped], ~is_mapped
         if are_measured:

@@ -22,7 +22,7 @@ from ..progress import no_report
 from ..surface.refinement import Refinement
 from .bezier_pieces import BezierPieces
 from .findings import Findings
-from .leaf_maps import joined_bounds, mapped_bounds
+from .leaf_maps import mapped_bounds
 from .leaf_samples import ON_GRID, seen_from
 from .measure import MARGIN
 from .mesh_to_surface import Facets, Leaves, MeshToSurface
@@ -128,16 +128,6 @@ class DrawnLeaves:
             some = self.keep(either)
             others = mapped_bounds(some._unsplit_pieces(), some.points, ~some.is_turned, limit - rounded)
             found[either] = np.maximum(found[either], others)
-        return found + rounded
-
-    def joined(self, limit: float, rounded: float, is_sought: BoolArray, is_both: BoolArray) -> FloatArray:
-        """(K,): as ``mapped``, for sought leaves (K,) bool, with the surface near sides of two leaves mapped to the
-        triangles of either. is_both: (K,) bool, sought leaves with bounds both ways; others have bounds of the surface
-        alone."""
-        if not self.are_quads:
-            return np.full(len(self.points), np.inf)
-        pieces, is_known = self._unsplit_pieces(), ~self.is_folded
-        found = joined_bounds(pieces, self.points, self.is_turned, limit - rounded, is_known, is_sought, is_both)
         return found + rounded
 
     def surface_beyond(self, chosen: IndexArray, drawn: DrawnLeaves, limit: float) -> tuple[IndexArray, FloatArray]:
