@@ -90,7 +90,9 @@ def has_traces(mesh: bpy.types.Mesh) -> bool:
 
 def write_depths(holders: Sequence[bpy.types.Object], answers: Sequence[MeshDepths], settings: DepthSettings) -> None:
     """Write answers with their records to the meshes of these objects, all or none. Raises ComputeError."""
-    _write_all(holders, [{DEPTH_KIND: each.depths, BOUND_KIND: rounded_up(each.bounds)} for each in answers])
+    shown = [each.bounds if each.ratios is None else each.ratios * each.world_tolerance for each in answers]
+    columns = [{DEPTH_KIND: each.depths, BOUND_KIND: rounded_up(b)} for each, b in zip(answers, shown, strict=True)]
+    _write_all(holders, columns)
     for holder, answer in zip(holders, answers, strict=True):
         _write_record(holder.data, answer, settings)
 
@@ -117,6 +119,8 @@ def _write_all(holders: Sequence[bpy.types.Object], columns: Sequence[Mapping[At
 def _write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings) -> None:
     record = _new_record(mesh, answer.depths, settings, answer.world_tolerance)
     record.largest_bound = float(rounded_up(answer.bounds).max(initial=0.0))
+    if answer.ratios is not None:
+        record.largest_ratio = float(rounded_up(answer.ratios).max(initial=0.0))
     record.method = settings.method
     record.vertices, record.follows_objects = answer.vertices, settings.follows_objects
     record.use_modifiers = settings.use_modifiers

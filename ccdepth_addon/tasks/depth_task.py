@@ -130,19 +130,21 @@ class DepthWork:
 class MeshDepths:
     """The answer for one mesh.
 
-    depths: (F,) int32; bounds: (F,) float64, lengths in the scene. exact: (F,) bool, whether the depth is proved to be
-    the least; might_need_less: (F,) bool, whether more effort might prove a lesser depth. world_tolerance: the smallest
-    tolerance of its objects, a length. uniform_level: the first level at which all faces are within the tolerance;
-    quality: the Quality for Use Limit Surface there, 0 for control vertices. uniform_faces: the number of faces of the
-    control mesh, the largest one, subdivided to that level. added_faces: the number of faces that modifiers add without
-    an origin in the mesh; added_deepest: the deepest depth among them. removed_faces: the number of the mesh's faces
-    that modifiers remove, on all frames; their depth and bound are 0. deepest_frame: a frame with
-    the deepest depth; None without frames.
+    depths: (F,) int32; bounds: (F,) float64, lengths in the scene; ratios: (F,), of these to the least tolerance of
+    each face over objects and frames; None where the tolerance is the same everywhere. exact: (F,) bool, whether the
+    depth is proved to be the least; might_need_less: (F,) bool, whether more effort might prove a lesser depth.
+    world_tolerance: the smallest tolerance of its objects, a length. uniform_level: the first level at which all faces
+    are within the tolerance; quality: the Quality for Use Limit Surface there, 0 for control vertices. uniform_faces:
+    the number of faces of the control mesh, the largest one, subdivided to that level. added_faces: the number of faces
+    that modifiers add without an origin in the mesh; added_deepest: the deepest depth among them. removed_faces: the
+    number of the mesh's faces that modifiers remove, on all frames; their depth and bound are 0. deepest_frame: a frame
+    with the deepest depth; None without frames.
     """
 
     task: MeshTask
     depths: NDArray[np.int32]
     bounds: FloatArray
+    ratios: FloatArray | None
     exact: BoolArray
     might_need_less: BoolArray
     world_tolerance: float
@@ -292,7 +294,7 @@ def _deepest_frame(groups: list[PoseGroup], own: list[PoseDepths], effort: str, 
 
 def _answer(task: MeshTask, found: list[PoseDepths], level: int, deepest_frame: int | None) -> MeshDepths:
     """The findings for the groups, for the faces of the mesh."""
-    bounds = np.zeros(task.face_count)
+    bounds, ratios = np.zeros((2, task.face_count))
     exact, might_need_less, present = np.zeros((3, task.face_count), dtype=bool)
     added: dict[int, int] = {}
     added_deepest = 0
@@ -300,6 +302,7 @@ def _answer(task: MeshTask, found: list[PoseDepths], level: int, deepest_frame: 
         faces, known = group.origins
         stretch = max(request.stretch for request in group.requests)
         np.maximum.at(bounds, faces, each.bounds[known] * stretch)
+        np.maximum.at(ratios, faces, (each.bounds / group.face_tolerances)[known])
         exact[faces[each.exact[known]]] = True
         might_need_less[faces[each.might_need_less[known]]] = True
         present[faces] = True
@@ -310,6 +313,7 @@ def _answer(task: MeshTask, found: list[PoseDepths], level: int, deepest_frame: 
         task=task,
         depths=task.largest(found),
         bounds=bounds,
+        ratios=ratios if any(each.surface.factors for each in task.read) else None,
         exact=exact | ~present,
         might_need_less=might_need_less & ~exact,
         world_tolerance=min(each.surface.tolerance for each in task.read),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..core import (
     BoolArray,
+    FloatArray,
     IndexArray,
     PolygonMesh,
     Pose,
@@ -82,6 +83,11 @@ class PoseGroup:
             for each in (request.surface for request in self.requests)
         ]
         return poses, self.method, self.requests[0].vertices
+
+    @property
+    def face_tolerances(self) -> FloatArray:
+        """(F,): the least tolerance of each face of the control mesh, over all requests."""
+        return np.minimum.reduce([request.surface.face_tolerances for request in self.requests])
 
     def _maker(self, control: ControlMesh) -> Callable[[], PolygonMesh]:
         # Turned in the same way, like poses have the same bounds.

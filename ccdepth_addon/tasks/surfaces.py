@@ -129,6 +129,14 @@ class Surface:
             return self.painted
         return Variation(self._factors * np.repeat(self._by_face[0], self.control.topology.arrays.face_sizes))
 
+    @property
+    def face_tolerances(self) -> FloatArray:
+        """(F,): the least tolerance of each face."""
+        by_face, control = self.variation_by_face, self.control
+        if by_face is None:
+            return np.full(control.face_count, self.tolerance)
+        return by_face.of_faces(control.in_world, self.tolerance)
+
     @cached_property
     def _by_face(self) -> tuple[FloatArray, FloatArray]:
         """(F,) twice: the least and the greatest factors by pixels."""

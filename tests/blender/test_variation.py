@@ -17,7 +17,7 @@ from tests.blender import addon, scene
 from tests.blender.runs import run, save
 from tests.blender.subdividing import faces, known_count, refused, refuses, subdivide
 
-TOLERANCE, COARSEST = 0.002, 10.0
+TOLERANCE, COARSEST = 0.01, 10.0
 
 # For less time.
 COARSE = 0.03
@@ -29,8 +29,8 @@ def without_angles() -> None:
 
 
 def painted(weights: Callable[[np.ndarray], np.ndarray]) -> bpy.types.Object:
-    """Suzanne with a vertex group called Detail, by the positions of her vertices (V, 3)."""
-    holder = scene.add_suzanne()
+    """Hills with a vertex group called Detail, by the positions of the vertices (V, 3)."""
+    holder = scene.add_object(meshes.landscape(8, 6))
     group = holder.vertex_groups.new(name="Other"), holder.vertex_groups.new(name="Detail")
     for vertex, weight in enumerate(weights(scene.mesh_data(holder.data).positions).tolist()):
         group[1].add([vertex], weight, "REPLACE")
@@ -42,8 +42,8 @@ def by_group(**settings: object) -> dict[str, object]:
 
 
 def front(positions: np.ndarray) -> np.ndarray:
-    """1 on her face, 0 at the back of her head."""
-    return np.clip(0.5 - positions[:, 1], 0.0, 1.0)
+    """1 on one side, 0 on the other."""
+    return np.clip(1.25 - positions[:, 0] / 5, 0.0, 1.0)
 
 
 def deep_level(holder: bpy.types.Object) -> tuple[np.ndarray, list[list[int]], np.ndarray]:
@@ -189,6 +189,12 @@ def test_a_set_level_is_within_the_tolerance_of_every_sample() -> None:
         addon.compute(each, **by_group(tolerance=COARSE, tolerance_mode="ABSOLUTE"))
     assert addon.facts(holder)["Vary by"] == "Detail, up to 10 times"
     assert np.all(addon.depths(holder) <= addon.depths(finest))
+    # The heat map of distances shows parts of the tolerance at their place.
+    for each in (holder, finest):
+        bounds = scene.values_of(each.data.attributes["ccdepth_bound"].data, "value", np.float32)
+        assert 0.5 * COARSE < bounds.max() <= COARSE * (1 + 1e-6)
+        assert bounds.max() == pytest.approx(each.data.ccdepth.largest_ratio * COARSE)
+    assert holder.data.ccdepth.largest_bound > COARSE
     assert addon.depths(holder).sum() < 0.8 * addon.depths(finest).sum()
     addon.select(holder)
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
