@@ -211,6 +211,13 @@ class Comparison:
         return read(self.mesh, name), read(self.blenders, name)[self.matching(domain)]
 
 
+def with_own_points(subdivided: SubdividedMesh) -> SubdividedMesh:
+    """The mesh with points of the installed add-on's class, which takes those of no other."""
+    own = addon.module("core.surface.surface_points").SurfacePoints
+    finders = {name: getattr(subdivided, name) for name in ("find_vertex_points", "find_corner_points")}
+    return replace(subdivided, **{name: lambda find=find: own(**vars(find())) for name, find in finders.items()})
+
+
 def compare(
     holder: bpy.types.Object, uv_smooth: str = "PRESERVE_BOUNDARIES", *, exact_normals: bool = False
 ) -> Comparison:
@@ -224,7 +231,8 @@ def compare(
     control = scene.polygon_mesh_of(base)
     subdivided = uniform.uniform(control, LEVEL)
     module = addon.module("exchange.adaptive_mesh")
-    mesh = module.new_mesh(base, control, subdivided, uv_smooth=uv_smooth, exact_normals=exact_normals)
+    own = with_own_points(subdivided)
+    mesh = module.new_mesh(base, control, own, uv_smooth=uv_smooth, exact_normals=exact_normals)
     blenders = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     return Comparison(base, control, subdivided, mesh, blenders)
 
