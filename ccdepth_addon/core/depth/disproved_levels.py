@@ -33,6 +33,7 @@ from ..distance.middle_distances import (
 from ..mesh.level_quads import QUAD_TRIANGLES, may_be_folded, turned_children
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
+from ..mesh.touching_faces import surface_boxes
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from ..surface.refinement import Refinement
 from .tolerance import ToleranceTest
@@ -75,7 +76,8 @@ class DisprovedLevels:
         low, high = np.empty((2, mesh.face_count, 3))
         regular, others = np.flatnonzero(is_regular), np.flatnonzero(~is_regular)
         if len(others):
-            low[others], high[others] = _support_boxes(submesh(mesh, others)[0], len(others))
+            around = surface_boxes(submesh(mesh, others)[0])
+            low[others], high[others] = (ends[:, : len(others)].T for ends in around)
         rates = np.zeros(mesh.face_count)
         condition = 1.0 if mesh.axes is None else float(np.linalg.cond(mesh.axes))
 
@@ -192,7 +194,7 @@ class DisprovedLevels:
         leaves = _Leaves.start(self.mesh, np.unique(overlapping(around, self.tree)[1]), self._shown(level))
         for later in range(level):
             if later:
-                boxes = _support_boxes(leaves.refinement.mesh, leaves.count)
+                boxes = (ends[:, : leaves.count].T for ends in surface_boxes(leaves.refinement.mesh))
                 near = mask(leaves.count, overlapping(around, BoxTree.around(*boxes))[1])
                 leaves = leaves.keep(near)
             if not leaves.count:
@@ -349,17 +351,3 @@ def _largest_of_each(values: FloatArray, bases: IndexArray, count: int) -> Index
     order = np.lexsort((-values, bases))
     starts = np.searchsorted(bases[order], bases[order])
     return order[np.arange(len(order)) - starts < count]
-
-
-def _support_boxes(mesh: PolygonMesh, count: int) -> tuple[FloatArray, FloatArray]:
-    """(count, 3) twice: the lowest and highest coordinates of all points of the faces around the corners of each of the
-    first faces. Every later level of the face, and its surface, are averages of these points."""
-    own = mesh.corner_vertices[: mesh.face_starts[count]]
-    found = []
-    for extreme, start in ((np.minimum, np.inf), (np.maximum, -np.inf)):
-        of_faces = extreme.reduceat(mesh.positions[mesh.corner_vertices], mesh.face_starts[:-1])
-        at_vertices = np.full(mesh.positions.shape, start)
-        for axis in range(3):
-            extreme.at(at_vertices[:, axis], mesh.corner_vertices, of_faces[mesh.corner_faces, axis])
-        found.append(extreme.reduceat(at_vertices[own], mesh.face_starts[:count]))
-    return found[0], found[1]
