@@ -97,7 +97,7 @@ def distance_depths(
             disproved[:] = disproved or [DisprovedLevels.of(parts.mesh, vertices, in_parts, tick)]
             found.exact[own] = disproved[0].all_before(level, found.faces[own], tick)
         some, places = parts.like(faces, found.faces)
-        yield FaceDepths(some, *(column[places] for name, column in vars(found).items() if name != "faces"))
+        yield replace(found.at(places), faces=some)
 
 
 def _one_of_each(mesh: PolygonMesh, test: ToleranceTest) -> tuple[LikeParts, ToleranceTest]:
@@ -124,10 +124,9 @@ def _depths_in_parts(
     opened = np.full(len(faces), NO_LEVEL)
 
     def found(places: IndexArray) -> FaceDepths:
-        chosen = FaceDepths(*(column[places] for column in vars(whole).values()))
+        chosen = whole.at(places)
         # Until here, bounds are without the allowance.
-        chosen.bounds[:] += test.allowance
-        return chosen
+        return replace(chosen, bounds=chosen.bounds + test.allowance)
 
     searches = [DrawnLevels(mesh, test, some.shown(level), level) for level in (0, 1)]
     left = np.arange(len(faces))
