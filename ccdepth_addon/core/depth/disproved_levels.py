@@ -143,7 +143,7 @@ class DisprovedLevels:
         """(P,) bool: whether a point near the middle of a part of each face (4, 4, P, 3) is farther than the tolerance
         from a level over the face. levels: from the part's own level to this level."""
         rates = self.rates[faces] * 0.5 ** (level - levels)
-        return self.test.exceeds(middle_distances(nets, rates, levels, self._shown(level)))
+        return self.test.exceeds(middle_distances(nets, rates, levels, self.vertices.of_level(level)))
 
     def _disproved(self, level: int, faces: IndexArray) -> IndexArray:
         """The faces, among some, for which one of their points disproves a level."""
@@ -154,7 +154,7 @@ class DisprovedLevels:
         """Points of the surface (n, 3), with the indices (n,) of their faces: the highest over their own leaves at a
         level and the farthest from these leaves, among the corners and the middles of sides and of quads one level
         later, and two levels later while leaves are few. Points near their leaves are left out."""
-        leaves = _Leaves.start(self.mesh, faces, self._shown(level))
+        leaves = _Leaves.start(self.mesh, faces, self.vertices.of_level(level))
         for _ in range(level):
             leaves = leaves.refined().with_largest_sag(LEAVES_OF_A_FACE)
         leaves = leaves.with_largest_sag(LEAVES_OF_A_FACE)
@@ -179,10 +179,6 @@ class DisprovedLevels:
         first = np.unique(np.concatenate(chosen))
         return places[first], bases[first]
 
-    def _shown(self, level: int) -> Vertices:
-        """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
-        return self.vertices if level else Vertices.CONTROL
-
     def _are_far(self, level: int, points: FloatArray) -> BoolArray:
         """(n,) bool: whether points (n, 3) are proved to be farther than the tolerance from the whole mesh at a
         level."""
@@ -191,7 +187,7 @@ class DisprovedLevels:
             return found
         reach = self.test.tolerance + 2 * self.test.allowance
         around = BoxTree.around(points - reach, points + reach)
-        leaves = _Leaves.start(self.mesh, np.unique(overlapping(around, self.tree)[1]), self._shown(level))
+        leaves = _Leaves.start(self.mesh, np.unique(overlapping(around, self.tree)[1]), self.vertices.of_level(level))
         for later in range(level):
             if later:
                 boxes = (ends[:, : leaves.count].T for ends in surface_boxes(leaves.refinement.mesh))
@@ -238,9 +234,7 @@ class _Leaves:
 
     def corners(self) -> FloatArray:
         """(C, 3): the drawn positions of the corners."""
-        if self.shown is Vertices.LIMIT:
-            return self.refinement.limits_at_corners
-        return self.refinement.mesh.positions[self.refinement.corner_vertices()]
+        return self.shown.at_corners(self.refinement)
 
     def with_largest_sag(self, count: int) -> _Leaves:
         """The leaves with the largest sag, at most ``count`` of each base if all are quads. The sag is the estimated
