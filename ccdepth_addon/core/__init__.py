@@ -32,7 +32,7 @@ from .depth.face_depths import (
     uniform_level,
 )
 from .depth.modifier_quality import needed_quality
-from .depth.pose_depths import Pose, PoseDepths, deepest_pose, pose_depths, raised_depths
+from .depth.pose_depths import Pose, deepest_pose, pose_depths, raised_depths
 from .depth.tolerance import FaceDepths
 from .deviation import Deviation, SampledSurface, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
@@ -66,7 +66,6 @@ __all__ = [
     "Places",
     "PolygonMesh",
     "Pose",
-    "PoseDepths",
     "Progress",
     "Proof",
     "Reduction",

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ..core import (
     BoolArray,
+    FaceDepths,
     FloatArray,
-    PoseDepths,
     Progress,
     check_input,
     check_pose,
@@ -89,7 +89,7 @@ class MeshTask:
         """The number of faces to compute."""
         return sum(group.work for group in self.groups)
 
-    def largest(self, found: Iterable[PoseDepths]) -> NDArray[np.int32]:
+    def largest(self, found: Iterable[FaceDepths]) -> NDArray[np.int32]:
         """(faces of the mesh,): the largest depth of the control faces from each face, over all groups."""
         depths = np.zeros(self.face_count, dtype=np.int32)
         for group, each in zip(self.groups, found, strict=True):
@@ -282,7 +282,7 @@ def _measured(task: MeshTask, effort: str, progress: Progress) -> MeshDepths:
     return _answer(task, found, level, _deepest_frame(groups, own, effort, progress))
 
 
-def _deepest_frame(groups: list[PoseGroup], own: list[PoseDepths], effort: str, progress: Progress) -> int | None:
+def _deepest_frame(groups: list[PoseGroup], own: list[FaceDepths], effort: str, progress: Progress) -> int | None:
     """The first of the measured frames that has the deepest depth; None without frames."""
     deepest, frames = max(each.depths.max(initial=0) for each in own), []
     for group, found in zip(groups, own, strict=True):
@@ -292,7 +292,7 @@ def _deepest_frame(groups: list[PoseGroup], own: list[PoseDepths], effort: str, 
     return min(frames, default=None)
 
 
-def _answer(task: MeshTask, found: list[PoseDepths], level: int, deepest_frame: int | None) -> MeshDepths:
+def _answer(task: MeshTask, found: list[FaceDepths], level: int, deepest_frame: int | None) -> MeshDepths:
     """The findings for the groups, for the faces of the mesh."""
     bounds, ratios = np.zeros((2, task.face_count))
     exact, might_need_less, present = np.zeros((3, task.face_count), dtype=bool)

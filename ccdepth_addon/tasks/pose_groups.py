@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from ..core import (
     BoolArray,
+    FaceDepths,
     FloatArray,
     IndexArray,
     PolygonMesh,
     Pose,
-    PoseDepths,
     Progress,
     needed_quality,
     raised_depths,
@@ -93,7 +93,7 @@ class PoseGroup:
         # Turned in the same way, like poses have the same bounds.
         return lambda: (control if len(self.requests) == 1 else control.unturned()).in_world
 
-    def raised(self, found: PoseDepths, depths: NDArray[np.int32], effort: str, progress: Progress) -> PoseDepths:
+    def raised(self, found: FaceDepths, depths: NDArray[np.int32], effort: str, progress: Progress) -> FaceDepths:
         """The findings with depths raised to at least the depths of the faces of the mesh: (faces of the mesh,)
         int32."""
         faces, known = self.origins

@@ -20,6 +20,7 @@ from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import largest_norm
 from ..surface.patches import PatchKind, faces_on_grids, regular_nets
+from ..surface.refinement import Refinement
 from . import sharp_constants
 from .norms import (
     first_order_norm_extraordinary,
@@ -37,6 +38,16 @@ class Vertices(StrEnum):
 
     CONTROL = "CONTROL"
     LIMIT = "LIMIT"
+
+    def of_level(self, level: int) -> Vertices:
+        """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
+        return self if level else Vertices.CONTROL
+
+    def at_corners(self, refinement: Refinement) -> FloatArray:
+        """(C, 3): the vertices at the corners of a refinement's descendants."""
+        if self is Vertices.LIMIT:
+            return refinement.limits_at_corners
+        return refinement.mesh.positions[refinement.corner_vertices()]
 
 
 class Method(StrEnum):

@@ -296,7 +296,7 @@ class _CertifiedSearch:
         for patches in self.extraordinary:
             np.maximum.at(found, patches.bases, _off_diagonals(patches.corners(self.vertices)))
         if self.refinement is not None and len(self.refinement.bases):
-            off = _off_polygons(self.refinement, self._vertices_of(self.refinement))
+            off = _off_polygons(self.refinement, self.vertices.at_corners(self.refinement))
             np.maximum.at(found, self.refinement.bases, off)
         return found
 
@@ -311,7 +311,7 @@ class _CertifiedSearch:
                 decision.disprove(patches.bases, gaps)
             rest = self.refinement
             if rest is not None and len(rest.bases):
-                gaps = lengths(rest.limits_at_corners - rest.mesh.positions[rest.corner_vertices()])
+                gaps = lengths(rest.limits_at_corners - Vertices.CONTROL.at_corners(rest))
                 starts = rest.mesh.face_starts[: len(rest.bases)]
                 decision.disprove(rest.bases, np.maximum.reduceat(gaps, starts))
 
@@ -424,7 +424,7 @@ class _CertifiedSearch:
             # Once found for all faces, the limits of their children at the next level are known as well.
             _ = self.refinement.limits_at_corners
         refinement = self.refinement.of(decision.wanted)
-        facets = self._vertices_of(refinement)
+        facets = self.vertices.at_corners(refinement)
         for _ in range(REFINEMENTS):
             if not len(refinement.bases):
                 return
@@ -435,12 +435,6 @@ class _CertifiedSearch:
                 refinement, facets = refinement.keep(undecided), facets[np.repeat(undecided, 4)]
             refinement, facets = self._refine(decision, refinement, facets)
         decision.give_up(refinement.bases)
-
-    def _vertices_of(self, refinement: Refinement) -> FloatArray:
-        """(C, 3): the positions of the vertices at the descendants' corners."""
-        if self.vertices is Vertices.LIMIT:
-            return refinement.limits_at_corners
-        return refinement.mesh.positions[refinement.corner_vertices()]
 
     def _refine(
         self, decision: LevelDecision, refinement: Refinement, facets: FloatArray

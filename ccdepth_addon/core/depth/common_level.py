@@ -8,11 +8,12 @@ from itertools import cycle
 
 from ..progress import Progress, no_report, part_of
 from .face_depths import uniform_level
-from .pose_depths import Pose, PoseDepths
+from .pose_depths import Pose
+from .tolerance import FaceDepths
 
 
 def common_level(
-    meshes: Sequence[tuple[Sequence[Pose], str, str, PoseDepths]],
+    meshes: Sequence[tuple[Sequence[Pose], str, str, FaceDepths]],
     progress: Progress = no_report,
     *,
     effort: str = "NORMAL",

@@ -33,6 +33,7 @@ from ..distance.middle_distances import (
 from ..mesh.level_quads import QUAD_TRIANGLES, may_be_folded, turned_children
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
+from ..mesh.touching_faces import surface_boxes
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from ..surface.refinement import Refinement
 from .tolerance import ToleranceTest
@@ -75,7 +76,8 @@ class DisprovedLevels:
         low, high = np.empty((2, mesh.face_count, 3))
         regular, others = np.flatnonzero(is_regular), np.flatnonzero(~is_regular)
         if len(others):
-            low[others], high[others] = _support_boxes(submesh(mesh, others)[0], len(others))
+            around = surface_boxes(submesh(mesh, others)[0])
+            low[others], high[others] = (ends[:, : len(others)].T for ends in around)
         rates = np.zeros(mesh.face_count)
         condition = 1.0 if mesh.axes is None else float(np.linalg.cond(mesh.axes))
 
@@ -141,7 +143,7 @@ class DisprovedLevels:
         """(P,) bool: whether a point near the middle of a part of each face (4, 4, P, 3) is farther than the tolerance
         from a level over the face. levels: from the part's own level to this level."""
         rates = self.rates[faces] * 0.5 ** (level - levels)
-        return self.test.exceeds(middle_distances(nets, rates, levels, self._shown(level)))
+        return self.test.exceeds(middle_distances(nets, rates, levels, self.vertices.of_level(level)))
 
     def _disproved(self, level: int, faces: IndexArray) -> IndexArray:
         """The faces, among some, for which one of their points disproves a level."""
@@ -152,7 +154,7 @@ class DisprovedLevels:
         """Points of the surface (n, 3), with the indices (n,) of their faces: the highest over their own leaves at a
         level and the farthest from these leaves, among the corners and the middles of sides and of quads one level
         later, and two levels later while leaves are few. Points near their leaves are left out."""
-        leaves = _Leaves.start(self.mesh, faces, self._shown(level))
+        leaves = _Leaves.start(self.mesh, faces, self.vertices.of_level(level))
         for _ in range(level):
             leaves = leaves.refined().with_largest_sag(LEAVES_OF_A_FACE)
         leaves = leaves.with_largest_sag(LEAVES_OF_A_FACE)
@@ -177,10 +179,6 @@ class DisprovedLevels:
         first = np.unique(np.concatenate(chosen))
         return places[first], bases[first]
 
-    def _shown(self, level: int) -> Vertices:
-        """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
-        return self.vertices if level else Vertices.CONTROL
-
     def _are_far(self, level: int, points: FloatArray) -> BoolArray:
         """(n,) bool: whether points (n, 3) are proved to be farther than the tolerance from the whole mesh at a
         level."""
@@ -189,10 +187,10 @@ class DisprovedLevels:
             return found
         reach = self.test.tolerance + 2 * self.test.allowance
         around = BoxTree.around(points - reach, points + reach)
-        leaves = _Leaves.start(self.mesh, np.unique(overlapping(around, self.tree)[1]), self._shown(level))
+        leaves = _Leaves.start(self.mesh, np.unique(overlapping(around, self.tree)[1]), self.vertices.of_level(level))
         for later in range(level):
             if later:
-                boxes = _support_boxes(leaves.refinement.mesh, leaves.count)
+                boxes = (ends[:, : leaves.count].T for ends in surface_boxes(leaves.refinement.mesh))
                 near = mask(leaves.count, overlapping(around, BoxTree.around(*boxes))[1])
                 leaves = leaves.keep(near)
             if not leaves.count:
@@ -236,9 +234,7 @@ class _Leaves:
 
     def corners(self) -> FloatArray:
         """(C, 3): the drawn positions of the corners."""
-        if self.shown is Vertices.LIMIT:
-            return self.refinement.limits_at_corners
-        return self.refinement.mesh.positions[self.refinement.corner_vertices()]
+        return self.shown.at_corners(self.refinement)
 
     def with_largest_sag(self, count: int) -> _Leaves:
         """The leaves with the largest sag, at most ``count`` of each base if all are quads. The sag is the estimated
@@ -349,17 +345,3 @@ def _largest_of_each(values: FloatArray, bases: IndexArray, count: int) -> Index
     order = np.lexsort((-values, bases))
     starts = np.searchsorted(bases[order], bases[order])
     return order[np.arange(len(order)) - starts < count]
-
-
-def _support_boxes(mesh: PolygonMesh, count: int) -> tuple[FloatArray, FloatArray]:
-    """(count, 3) twice: the lowest and highest coordinates of all points of the faces around the corners of each of the
-    first faces. Every later level of the face, and its surface, are averages of these points."""
-    own = mesh.corner_vertices[: mesh.face_starts[count]]
-    found = []
-    for extreme, start in ((np.minimum, np.inf), (np.maximum, -np.inf)):
-        of_faces = extreme.reduceat(mesh.positions[mesh.corner_vertices], mesh.face_starts[:-1])
-        at_vertices = np.full(mesh.positions.shape, start)
-        for axis in range(3):
-            extreme.at(at_vertices[:, axis], mesh.corner_vertices, of_faces[mesh.corner_faces, axis])
-        found.append(extreme.reduceat(at_vertices[own], mesh.face_starts[:count]))
-    return found[0], found[1]

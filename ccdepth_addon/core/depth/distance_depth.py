@@ -97,7 +97,7 @@ def distance_depths(
             disproved[:] = disproved or [DisprovedLevels.of(parts.mesh, vertices, in_parts, tick)]
             found.exact[own] = disproved[0].all_before(level, found.faces[own], tick)
         some, places = parts.like(faces, found.faces)
-        yield FaceDepths(some, *(column[places] for name, column in vars(found).items() if name != "faces"))
+        yield replace(found.at(places), faces=some)
 
 
 def _one_of_each(mesh: PolygonMesh, test: ToleranceTest) -> tuple[LikeParts, ToleranceTest]:
@@ -124,12 +124,11 @@ def _depths_in_parts(
     opened = np.full(len(faces), NO_LEVEL)
 
     def found(places: IndexArray) -> FaceDepths:
-        chosen = FaceDepths(*(column[places] for column in vars(whole).values()))
+        chosen = whole.at(places)
         # Until here, bounds are without the allowance.
-        chosen.bounds[:] += test.allowance
-        return chosen
+        return replace(chosen, bounds=chosen.bounds + test.allowance)
 
-    searches = [DrawnLevels(mesh, test, some.shown(level), level) for level in (0, 1)]
+    searches = [DrawnLevels(mesh, test, vertices.of_level(level), level) for level in (0, 1)]
     left = np.arange(len(faces))
     level, measured = 0, 0
     while len(left):
@@ -285,7 +284,7 @@ class _SomeFaces:
             self.footed = places
             self.feet = FaceFeet.of(around, self.vertices, np.zeros(count, dtype=bool), self.tick)
         own = np.searchsorted(self.footed, places)
-        for found in self.feet.bounds(own, level, self.shown(level), self.limit, self.tick):
+        for found in self.feet.bounds(own, level, self.vertices.of_level(level), self.limit, self.tick):
             yield replace(found, faces=self.footed[found.faces])
 
     def are_likely(self, level: int, places: IndexArray, have_bounds: BoolArray) -> BoolArray:
@@ -296,17 +295,13 @@ class _SomeFaces:
         own = np.searchsorted(self.footed, places)
         found: BoolArray = (self.feet.places[own] < 0) | (level <= DEEPEST_REGULAR)
         estimated = np.flatnonzero(found & have_bounds)
-        found[estimated] = self.feet.likely(own[estimated], level, self.shown(level)) <= self.limit
+        found[estimated] = self.feet.likely(own[estimated], level, self.vertices.of_level(level)) <= self.limit
         return found
 
     @property
     def limit(self) -> float:
         """The largest useful distance, without the allowance."""
         return self.test.tolerance - self.test.allowance
-
-    def shown(self, level: int) -> Vertices:
-        """The vertices of a level: at level 0 the control points, as no modifier moves anything there."""
-        return self.vertices if level else Vertices.CONTROL
 
     def at(
         self, level: int, places: IndexArray, certified: FloatArray, effort: Effort, measured: int = 0
@@ -356,7 +351,7 @@ class _SomeFaces:
         """(m,): the certified bounds of the faces at some places (m,) at a level, as drawn, without the allowance;
         infinite beyond the limit."""
         found = np.full(self.mesh.face_count, np.inf)
-        faces, shown = self.faces[places], self.shown(level)
+        faces, shown = self.faces[places], self.vertices.of_level(level)
         for block in certified_level_bounds(
             self.mesh, faces, self.test, shown, level, self.tick, nearly=False, as_drawn=True
         ):
@@ -401,7 +396,7 @@ class _SomeFaces:
         at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, MOST_DIVIDED))
 
         def find(some: IndexArray) -> _ByLeaves:
-            leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), limit, MOST_LEAVES)
+            leaves = LevelLeaves.of(self.mesh, some, level, self.vertices.of_level(level), limit, MOST_LEAVES)
             if leaves is None:
                 return _ByLeaves.joined([find(part) for part in np.array_split(some, min(len(some), 4))])
             proved = np.zeros(len(some), dtype=bool) if is_proved is None else is_proved[some]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +25,6 @@ from .level_leaves import mask, rings_around
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest, tolerance_groups
-
-if TYPE_CHECKING:
-    from .pose_depths import PoseDepths
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
@@ -113,7 +109,7 @@ def uniform_level(
     tolerance: float,
     method: str,
     vertices: str,
-    found: FaceDepths | PoseDepths | None = None,
+    found: FaceDepths | None = None,
     least: int = 0,
     progress: Progress = no_report,
     *,

@@ -10,20 +10,21 @@ tested there in all poses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.types import BoolArray, IndexArray
 from ..bounds.norm_bounds import Method, Vertices
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress, no_report, part_of
 from ..tolerance.variation import Variation
 from .distance_depth import Effort
 from .face_depths import bounds_at_depths, face_depths, groups_of
-from .tolerance import LevelBounds
+from .tolerance import FaceDepths, LevelBounds
 
 # The time that the first pose takes, in units of the time of any other pose.
 FIRST_POSE = 2.0
@@ -55,34 +56,11 @@ class Pose:
             yield from bounds_at_depths(mesh, own, test, method, vertices, depths, effort, tick)
 
 
-@dataclass(frozen=True)
-class PoseDepths:
-    """The depths of all faces over all poses, (F,) each; distances are in the unit of the positions.
-
-    depths: int32. bounds: float64, the largest distance proved at that depth, over all poses. exact: bool, whether
-    every lesser depth is disproved in the first pose. lasting: bool, whether the face is also proved to be within the
-    tolerance in all poses at every later level. alone: bool, as of ``FaceDepths``, in all poses. might_need_less: bool,
-    as of ``FaceDepths``, in the first pose.
-    """
-
-    depths: NDArray[np.int32]
-    bounds: FloatArray
-    exact: BoolArray
-    lasting: BoolArray
-    alone: BoolArray
-    might_need_less: BoolArray
-
-    def deepen(self, faces: IndexArray, depths: NDArray[np.int32]) -> None:
-        """Give some faces greater depths, still without proof."""
-        self.depths[faces], self.bounds[faces] = depths, 0.0
-        self.exact[faces], self.lasting[faces], self.alone[faces] = False, True, True
-        self.might_need_less[faces] = False
-
-
 def pose_depths(
     poses: Sequence[Pose], method: str, vertices: str, progress: Progress = no_report, *, effort: str = "NORMAL"
-) -> PoseDepths:
-    """The depth of every face over all poses of a mesh.
+) -> FaceDepths:
+    """The depth of every face over all poses of a mesh. bounds: the largest distances proved over all poses; distances,
+    exact and might_need_less are of the first pose; lasting and alone hold in all poses.
 
     poses: all checked (``check_pose``). method, vertices, effort: as in ``face_depths``. progress: receives the rising
     fraction done, and may raise to stop.
@@ -90,8 +68,7 @@ def pose_depths(
     share = FIRST_POSE / (FIRST_POSE + len(poses) - 1)
     mesh, pose, part = poses[0].make(), poses[0], part_of(progress, 0.0, share)
     asked = mesh, pose.tolerance, method, vertices, part
-    first = face_depths(*asked, effort=effort, variation=pose.variation, is_checked=True)
-    found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting, first.alone, first.might_need_less)
+    found = face_depths(*asked, effort=effort, variation=pose.variation, is_checked=True)
     every = np.ones(mesh.face_count, dtype=bool)
     _prove(poses, method, vertices, effort, found, every, part_of(progress, share, 1 - share), first=1)
     return found
@@ -101,19 +78,19 @@ def raised_depths(
     poses: Sequence[Pose],
     method: str,
     vertices: str,
-    found: PoseDepths,
+    found: FaceDepths,
     floors: NDArray[np.int32],
     progress: Progress = no_report,
     *,
     effort: str = "NORMAL",
-) -> PoseDepths:
+) -> FaceDepths:
     """The depths found by ``pose_depths`` with the same arguments, raised to at least the floors (F,) int32, with
     bounds."""
     lower = np.flatnonzero(floors > found.depths)
     if not len(lower):
         return found
-    deeper = PoseDepths(*(each.copy() for each in vars(found).values()))
-    deeper.deepen(lower, floors[lower])
+    deeper = deepcopy(found)
+    _deepen(deeper, lower, floors[lower])
     _prove(poses, method, vertices, effort, deeper, floors > found.depths, progress)
     return deeper
 
@@ -122,7 +99,7 @@ def deepest_pose(
     poses: Sequence[Pose],
     method: str,
     vertices: str,
-    found: PoseDepths,
+    found: FaceDepths,
     tick: Callable[[], None],
     *,
     effort: str = "NORMAL",
@@ -144,7 +121,7 @@ def _prove(
     method: str,
     vertices: str,
     effort: str,
-    found: PoseDepths,
+    found: FaceDepths,
     is_open: BoolArray,
     progress: Progress,
     first: int = 0,
@@ -166,7 +143,7 @@ def _prove(
 def _raised(
     pose: Pose,
     kinds: tuple[Method, Vertices, Effort],
-    found: PoseDepths,
+    found: FaceDepths,
     faces: IndexArray,
     tick: Callable[[], None],
 ) -> IndexArray:
@@ -180,5 +157,12 @@ def _raised(
         found.alone[block.faces] &= block.alone
         parts.append(block.faces[~holds])
     failing = np.concatenate(parts)
-    found.deepen(failing, found.depths[failing] + 1)
+    _deepen(found, failing, found.depths[failing] + 1)
     return failing
+
+
+def _deepen(found: FaceDepths, faces: IndexArray, depths: NDArray[np.int32]) -> None:
+    """Give some faces greater depths, still without proof."""
+    found.depths[faces], found.bounds[faces], found.distances[faces] = depths, 0.0, 0.0
+    found.exact[faces], found.lasting[faces], found.alone[faces] = False, True, True
+    found.might_need_less[faces] = False

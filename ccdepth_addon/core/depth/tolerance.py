@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.tables import Table
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.rounding import rounding_allowance
 from ..mesh.polygon_mesh import PolygonMesh
@@ -59,7 +60,7 @@ def tolerance_groups(
 
 
 @dataclass(frozen=True)
-class FaceDepths:
+class FaceDepths(Table):
     """Faces of the mesh and their depths: (P,) each; distances are in the unit of the positions.
 
     faces: intp. depths: int32, -1 while undecided. bounds: float64, the proved distance at that depth. distances:

@@ -98,8 +98,7 @@ class DrawnLeaves:
     @staticmethod
     def of(refinement: Refinement, is_turned: BoolArray, vertices: Vertices, axes: FloatArray | None) -> DrawnLeaves:
         """The drawn leaves of a refinement. axes: of the space in which diagonals are chosen, as of ``PolygonMesh``."""
-        points = refinement.mesh.positions[refinement.corner_vertices()]
-        points = (refinement.limits_at_corners if vertices is Vertices.LIMIT else points).reshape(-1, 4, 3)
+        points = vertices.at_corners(refinement).reshape(-1, 4, 3)
         return DrawnLeaves(refinement, points, is_turned, may_be_folded(points, is_turned, axes))
 
     def keep(self, wanted: BoolArray) -> DrawnLeaves:
