@@ -13,7 +13,7 @@ from ..state.colors import LAST_DEPTH, depth_colors
 from ..state.heat_map import Shown, tolerance_of, top
 from . import deviation_panel, panels
 from .facts import faces_by_depth, lengths_text
-from .lengths import DEGREES, DIGITS, Rounding, enough_digits, in_unit, length_text, number_text, unit_for
+from .lengths import DEGREES, DIGITS, Rounding, digits_within, in_unit, length_text, number_text, unit_for
 
 Color = tuple[float, ...]
 
@@ -99,7 +99,7 @@ def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float]
     tops = {top(kind, tolerance, scene.ccdepth) for tolerance in found}
     fixed = DEGREES if kind is Shown.ANGLE else None
     unit = fixed or unit_for(scene, max(tops))
-    digits = enough_digits(in_unit(scene, largest, unit), in_unit(scene, max(found), unit))
+    digits = digits_within(scene, largest, max(found), unit)
     notes = [f"for {lengths_text(scene, found, digits, fixed)}", *plain.notes]
     if largest:
         notes.append(f"Largest {length_text(scene, largest, Rounding.UP, digits, fixed)}")

@@ -108,9 +108,14 @@ def length_text(
 def bound_texts(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Unit | None = None) -> tuple[str, str]:
     """A proved distance, rounded up, and the tolerance; a distance within the tolerance is never written as more than
     the tolerance."""
-    compared = unit or unit_for(scene, tolerance)
-    digits = enough_digits(in_unit(scene, bound, compared), in_unit(scene, tolerance, compared))
+    digits = digits_within(scene, bound, tolerance, unit)
     return length_text(scene, bound, Rounding.UP, digits, unit), length_text(scene, tolerance, digits=digits, unit=unit)
+
+
+def digits_within(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Unit | None = None) -> int:
+    """``enough_digits`` of lengths in the scene. unit: None for the unit that suits the tolerance."""
+    compared = unit or unit_for(scene, tolerance)
+    return enough_digits(in_unit(scene, bound, compared), in_unit(scene, tolerance, compared))
 
 
 def enough_digits(bound: Decimal, tolerance: Decimal) -> int:

@@ -19,7 +19,7 @@ from ..state.properties import PRESET_SETTINGS, PRESETS, scene_tolerance, tolera
 from ..tasks.surfaces import shortest_decimal, typed_values
 from ..tasks.views import camera_name
 from .facts import lengths_text
-from .lengths import length_text, number_text
+from .lengths import DIGITS, digits_within, length_text, number_text
 
 # Settings by the names of presets: the tolerance as a fraction, angles of shading and facets in degrees, and Reduce.
 # Draft, Standard and Fine are some five pixels when the object fills the screen, one, and a fifth.
@@ -160,18 +160,28 @@ def tolerance_text(context: bpy.types.Context) -> str:
         return f"of “{camera}”" if camera else "The scene has no camera"
     relative = settings.tolerance_mode == "RELATIVE"
     tolerance = scene_tolerance(settings)
+    digits = _digits_beside_distances(context)
     texts = []
-    if abs(round(tolerance, DECIMALS) - tolerance) > LARGEST_ERROR * abs(tolerance):
-        texts.append(f"{tolerance:.6g}" if relative else length_text(scene, tolerance, digits=6))
+    is_beyond_field = abs(round(tolerance, DECIMALS) - tolerance) > LARGEST_ERROR * abs(tolerance)
+    if is_beyond_field or (digits > DIGITS and not relative):
+        texts.append(f"{tolerance:.6g}" if relative else length_text(scene, tolerance, digits=max(digits, 6)))
     diagonals, is_exact = _shown_diagonals(context)
     sign = "=" if is_exact else "≈"
     if diagonals and relative:
-        texts.append(f"{sign} {lengths_text(scene, (tolerance * each for each in diagonals))}")
+        texts.append(f"{sign} {lengths_text(scene, (tolerance * each for each in diagonals), digits)}")
     elif diagonals:
         parts = sorted(tolerance / each for each in diagonals)
         least, largest = (number_text(Decimal(each)) for each in (parts[0], parts[-1]))
         texts.append(f"{sign} {least if least == largest else f'{least}–{largest}'} of the size")
     return " ".join(texts)
+
+
+def _digits_beside_distances(context: bpy.types.Context) -> int:
+    """The digits with which no proved distance of the objects seems beyond the tolerance that it is within."""
+    records = [each.data.ccdepth for each in objects_for_tolerance(context)[:MOST_OBJECTS]]
+    found = [(each.largest_bound, each.world_tolerance) for each in records]
+    found += [(each.deviation, each.measurement.world_tolerance) for each in records]
+    return max((digits_within(context.scene, *lengths) for lengths in found), default=DIGITS)
 
 
 def _shown_diagonals(context: bpy.types.Context) -> tuple[list[float], bool]:

@@ -172,6 +172,25 @@ def test_modifiers_counted_in_are_carried_over_too(cube: bpy.types.Object) -> No
     assert text() == "≈ 0.004899 m"
 
 
+def test_a_proved_distance_never_seems_beyond_the_tolerance_above_it(cube: bpy.types.Object) -> None:
+    """With four digits the tolerance would be 0.003464 m, and the distance within it 0.0034641 m."""
+    record, settings = cube.data.ccdepth, bpy.context.scene.ccdepth
+    record.world_tolerance, record.largest_bound = 0.001 * SIZE, 0.00346405
+    bound_texts = addon.module("ui.lengths").bound_texts
+    texts = bound_texts(bpy.context.scene, record.largest_bound, record.world_tolerance)
+    assert texts == ("0.0034641 m", "0.0034641 m")
+    assert text() == "= 0.0034641 m"
+    # Blender's field has six decimals.
+    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", 0.001 * SIZE
+    assert text() == "0.0034641 m = 0.001 of the size"
+    record.largest_bound, record.deviation, record.measurement.world_tolerance = 0.003, 0.00346405, 0.001 * SIZE
+    settings.tolerance_mode = "RELATIVE"
+    assert text() == "= 0.0034641 m"
+    # A distance that is not within the tolerance needs no more digits.
+    record.deviation = 0.0035
+    assert text() == "= 0.003464 m"
+
+
 def test_drawing_and_timers_leave_physics_alone(cube: bpy.types.Object) -> None:
     """A copy of the object would be a new body, and its cache would not hold any more."""
     bpy.ops.rigidbody.object_add()
