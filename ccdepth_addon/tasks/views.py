@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core import FloatArray, Pixels, Variation, View, most_pixels, surface_boxes
 from ..exchange.cameras import CameraError, named_camera, of_object, view_of
-from ..exchange.control_mesh import ControlMesh
+from ..exchange.control_mesh import ControlMesh, ControlMeshError
 from ..exchange.data_blocks import Identity
 from .frames import chosen_frames, frame_restored, typed_frames
 from .surfaces import ComputeError, Surface, SurfaceSettings, relative_matrix
@@ -43,10 +43,14 @@ def surface_of(
     views: Views,
     painted: Variation | None = None,
 ) -> Surface:
-    """The surface of an object, with the tolerance as a length. painted: as of ``Surface``."""
+    """The surface of an object, with the tolerance as a length. painted: as of ``Surface``. Raises ControlMeshError for
+    a tolerance of more pixels than can be proved."""
     holder = Identity.of(blender_object)
     if settings.tolerance_mode == "PIXELS":
-        pixels = views.pixels(holder.uid, control)
+        pixels, factors = views.pixels(holder.uid, control), np.ones(1) if painted is None else painted.factors
+        largest, most = settings.tolerance * factors.max(), min(map(most_pixels, pixels.views[0]))
+        if largest > most:
+            raise ControlMeshError(f"its tolerance is up to {largest:.3g} pixels, and at most {most:.3g} can be proved")
         return Surface(holder, control, settings.tolerance * pixels.unit, painted, pixels)
     unit = control.diagonal() if settings.tolerance_mode == "RELATIVE" else 1.0
     return Surface(holder, control, settings.tolerance * unit, painted)
@@ -81,11 +85,6 @@ def _add_views(
         view = view_of(context, camera)
     except CameraError as fault:
         raise ComputeError(str(fault)) from fault
-    most = most_pixels(view)
-    if settings.tolerance > most:
-        raise ComputeError(
-            f"The tolerance is at most a hundredth of the focal length: {most:.3g} pixels of “{camera.name}”"
-        )
     for each in objects:
         world = np.array(each.matrix_world, dtype=np.float64)[:3, :3]
         views.of_objects[each.session_uid].append((of_object(view, each), world))

@@ -281,6 +281,12 @@ def no_pixels(_camera: bpy.types.Object) -> None:
     render.resolution_x, render.resolution_y, render.resolution_percentage = 50, 50, 1
 
 
+def too_coarse_paint(_camera: bpy.types.Object) -> None:
+    bpy.data.objects["Plate"].vertex_groups.new(name="Detail").add([0], 1.0, "REPLACE")
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_by, settings.vertex_group, settings.coarsest = "VERTEX_GROUP", "Detail", 30.0
+
+
 def bad_scale(_camera: bpy.types.Object) -> None:
     bpy.context.scene.ccdepth.off_screen_scale = 0.0
 
@@ -301,7 +307,8 @@ def negative(_camera: bpy.types.Object) -> None:
         (panoramic, "neither a perspective nor an orthographic camera"),
         (no_pixels, "has no pixels: raise the resolution"),
         (bad_scale, "The Off-Screen Scale must be 1 or more"),
-        (too_many, "at most a hundredth of the focal length: 13.3 pixels of “Camera”"),
+        (too_coarse_paint, "its tolerance is up to 15 pixels, and at most 13.3 can be proved"),
+        (too_many, "its tolerance is up to 20 pixels, and at most 13.3 can be proved"),
         (negative, "must be greater than zero"),
     ],
 )

@@ -74,8 +74,8 @@ class View:
 
 
 def most_pixels(view: View) -> float:
-    """The largest tolerance in pixels."""
-    return LARGEST_PART * view.focal if view.is_perspective else inf
+    """The largest tolerance in pixels, for any part."""
+    return min(LARGEST_PART * view.focal, MARGIN * min(view.size)) if view.is_perspective else inf
 
 
 @dataclass(frozen=True)
