@@ -148,7 +148,7 @@ def write_adaptive(
     tolerance. has_angles: whether to write the answer's angles, which are proved of an unreduced mesh."""
     bounds, largest_ratio = rounded_up(answer.largest_over_users(proved)), 0.0
     largest_bound = float(bounds.max(initial=0.0))
-    if answer.task.surface.factors is not None:
+    if answer.task.surface.varies:
         bounds, largest_ratio = rounded_up(ratios * answer.world_tolerance), float(rounded_up(ratios).max(initial=0.0))
     write_face_values(mesh, {DEPTH_KIND: depths, BOUND_KIND: bounds})
     record = _new_record(mesh, depths, settings, answer.world_tolerance)

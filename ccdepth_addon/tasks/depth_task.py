@@ -296,13 +296,15 @@ def _answer(task: MeshTask, found: list[FaceDepths], level: int, deepest_frame: 
     """The findings for the groups, for the faces of the mesh."""
     bounds, ratios = np.zeros((2, task.face_count))
     exact, might_need_less, present = np.zeros((3, task.face_count), dtype=bool)
+    varies = any(each.surface.varies for each in task.read)
     added: dict[int, int] = {}
     added_deepest = 0
     for group, each in zip(task.groups, found, strict=True):
         faces, known = group.origins
         stretch = max(request.stretch for request in group.requests)
         np.maximum.at(bounds, faces, each.bounds[known] * stretch)
-        np.maximum.at(ratios, faces, (each.bounds / group.face_tolerances)[known])
+        if varies:
+            np.maximum.at(ratios, faces, (each.bounds / group.face_tolerances())[known])
         exact[faces[each.exact[known]]] = True
         might_need_less[faces[each.might_need_less[known]]] = True
         present[faces] = True
@@ -313,7 +315,7 @@ def _answer(task: MeshTask, found: list[FaceDepths], level: int, deepest_frame: 
         task=task,
         depths=task.largest(found),
         bounds=bounds,
-        ratios=ratios if any(each.surface.factors for each in task.read) else None,
+        ratios=ratios if varies else None,
         exact=exact | ~present,
         might_need_less=might_need_less & ~exact,
         world_tolerance=min(each.surface.tolerance for each in task.read),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,10 +84,9 @@ class PoseGroup:
         ]
         return poses, self.method, self.requests[0].vertices
 
-    @property
     def face_tolerances(self) -> FloatArray:
         """(F,): the least tolerance of each face of the control mesh, over all requests."""
-        return np.minimum.reduce([request.surface.face_tolerances for request in self.requests])
+        return reduce(np.minimum, (request.surface.face_tolerances() for request in self.requests))
 
     def _maker(self, control: ControlMesh) -> Callable[[], PolygonMesh]:
         # Turned in the same way, like poses have the same bounds.

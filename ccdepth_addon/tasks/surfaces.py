@@ -129,13 +129,10 @@ class Surface:
             return self.painted
         return Variation(self._factors * np.repeat(self._by_face[0], self.control.topology.arrays.face_sizes))
 
-    @property
     def face_tolerances(self) -> FloatArray:
         """(F,): the least tolerance of each face."""
-        by_face, control = self.variation_by_face, self.control
-        if by_face is None:
-            return np.full(control.face_count, self.tolerance)
-        return by_face.of_faces(control.in_world, self.tolerance)
+        least: FloatArray = np.minimum.reduceat(self._factors, self.control.topology.arrays.face_starts[:-1])
+        return self.tolerance * least * self._by_face[0]
 
     @cached_property
     def _by_face(self) -> tuple[FloatArray, FloatArray]:
@@ -154,9 +151,14 @@ class Surface:
         return float(self._factors.min())
 
     @property
+    def varies(self) -> bool:
+        """Whether the tolerance varies over the mesh."""
+        return self.painted is not None or self.pixels is not None
+
+    @property
     def factors(self) -> tuple[float, float] | None:
         """No more and no less than all factors on the tolerance; None for the same everywhere."""
-        if self.painted is None and self.pixels is None:
+        if not self.varies:
             return None
         return self.least_factor, float(self._factors.max() * self._by_face[1].max())
 
