@@ -2,9 +2,8 @@
 """Bounds of bicubic leaves by maps of the surface onto the leaf's own triangles, independent of parameters.
 
 The triangles of a leaf's template are quartered into cells. Each vertex of a cell has a place in the square of
-parameters, of the point of the triangles nearest to the surface there; vertices on
-a segment of the border have places on this segment.
-docs/adaptive.md, Maps, has the proof.
+parameters, of the point of the triangles nearest to the surface there; vertices on a segment of the border have places
+on this segment. docs/adaptive.md, Maps, has the proof.
 """
 
 from __future__ import annotations
