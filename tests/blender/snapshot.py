@@ -20,7 +20,7 @@ from tests.blender.scene import VALUES, values_of
 Path = tuple[str, ...]
 Snapshot = dict[Path, Any]
 
-OURS = {*ATTRIBUTES, "ccdepth_deviation"}
+OURS = {*ATTRIBUTES, "ccdepth_angle", "ccdepth_deviation"}
 
 # What Blender computes when it evaluates or on access; and what is ours, which is compared apart.
 VOLATILE = {
